@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How many examples the run tries, and what it tells in the end."""
+"""The number of examples, order and markers of tests, coroutine tests, and the fault matrix."""
 
 import gc
 import inspect
@@ -15,13 +15,13 @@ from epson_driver.processes import processes
 
 
 def pytest_configure(config: Any) -> None:
-    """Choose the examples before the tests are collected: their settings are made then."""
+    """Set the number of examples before the collection, which reads the settings."""
     load_profile(profile_for(config.option.markexpr))
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
-    """Look for no garbage in what is imported and collected, which stays, and seldom later."""
+    """Exclude imported and collected objects from garbage collection, and run it rarely."""
     gc.disable()
     try:
         return (yield)
@@ -33,9 +33,9 @@ def pytest_collection() -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run an `async def` test in virtual time (support/event_loop.py), or as its module says.
+    """Run an `async def` test in virtual time (support/event_loop.py).
 
-    REAL_TIME = True: in real time, as something else than the loop takes part.
+    A module with REAL_TIME = True runs in real time, because of other threads or processes.
     """
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
@@ -52,14 +52,14 @@ WHOLE_PROCESSES = {
     'test_sim_controller.py',
     'test_sim_crowds.py',
 }
-"""Where tests start nodes and controllers as processes."""
+"""Folders and files whose tests start nodes and controllers as processes."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest file, then with tests of whole processes, which mostly wait.
+    """Start with the longest file, then with tests of whole processes, which mostly wait.
 
-    Those not marked `quick` are left to the slow ones.
+    The latter are slow tests, unless marked `quick`.
     """
 
     def whole(item: pytest.Item) -> bool:
@@ -73,18 +73,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope='session', autouse=True)
 def _patience() -> None:
-    """Processes may take their time to end: on a busy machine they are as right as elsewhere."""
+    """Allow processes a long time to end, because machines may be busy."""
     processes.END_TIMEOUT_S = 300.0
 
 
 @pytest.fixture
 def patient_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the time-outs of a driver in this process long, as those in `support.cell` are."""
+    """Extend the time-outs of a driver in this process, like those in `support.cell`."""
     patient.be_patient(monkeypatch.setattr)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Show what became of every fault with every controller profile, as a matrix."""
+    """Print a matrix of the results of all faults with all controller profiles."""
     cells = {
         cell: report.outcome
         for reports in terminalreporter.stats.values()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What importing the package loads; what may import what is held by `make lint`."""
+"""Modules loaded by importing the package. `make lint` checks the allowed imports."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ PACKAGE = 'epson_driver'
 
 
 def loaded(code: str) -> list[str]:
-    """Return what a new Python prints after running code, as words."""
+    """Return the words that `code` prints in a new Python process."""
     run = subprocess.run(
         [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
     )
@@ -29,7 +29,7 @@ def loaded(code: str) -> list[str]:
         ('profiles', []),
     ],
 )
-def test_the_ground_really_loads_without_ros(package: str, libraries: list[str]) -> None:
+def test_base_package_loads_only_its_libraries(package: str, libraries: list[str]) -> None:
     code = (
         'import sys; before = set(sys.modules)\n'
         f'import {PACKAGE}.{package}\n'
@@ -39,7 +39,7 @@ def test_the_ground_really_loads_without_ros(package: str, libraries: list[str])
     assert [x for x in loaded(code) if not x.startswith(('_', 'cython'))] == libraries
 
 
-def test_the_package_loads_nothing_until_it_is_asked_for() -> None:
+def test_package_imports_lazily() -> None:
     code = (
         'import sys, epson_driver\n'
         f'print(*sorted(name for name in sys.modules if name.startswith("{PACKAGE}.")))\n'
@@ -48,7 +48,7 @@ def test_the_package_loads_nothing_until_it_is_asked_for() -> None:
     assert loaded(code) == ['False', f'{PACKAGE}.robot', 'False']
 
 
-def test_the_python_api_loads_the_driver_with_the_first_robot() -> None:
+def test_python_api_loads_the_driver_with_the_first_robot() -> None:
     rooms = ('driver.driver', 'link', 'motion.smoother', 'profiles', 'simple_message', 'trace')
     late = {'rclpy', 'rich', 'yaml', *(f'{PACKAGE}.{room}' for room in rooms)}
     code = (

@@ -20,14 +20,14 @@ PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')])
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_link_targets_exist(page: Path) -> None:
     targets = re.findall(r'\]\((?!https?:)([^)#:]+)[^)]*\)', page.read_text(encoding='utf-8'))
     for target in targets:
         assert (page.parent / target).exists(), f'{page.name} links to {target}'
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_anchors_lead_to_a_heading(page: Path) -> None:
+def test_anchors_exist(page: Path) -> None:
     text = page.read_text(encoding='utf-8')
     for target, anchor in re.findall(r'\]\((?!https?:)([^)#:]*)#([^)]+)\)', text):
         there = (page.parent / target if target else page).read_text(encoding='utf-8')
@@ -44,7 +44,7 @@ def test_files_named_in_the_docs_exist() -> None:
 
 
 def test_release_tools_read_the_changelog(tmp_path: Path) -> None:
-    """What catkin_prepare_release does: it gives the forthcoming changes a version and a date."""
+    """catkin_prepare_release replaces the heading Forthcoming by a version and a date."""
     changelog = pytest.importorskip('catkin_pkg.changelog')
     release = pytest.importorskip('catkin_pkg.package_version')
     copy = shutil.copy(ROOT / 'CHANGELOG.rst', tmp_path)
@@ -56,13 +56,13 @@ def test_release_tools_read_the_changelog(tmp_path: Path) -> None:
     assert next(content for version, _, content in versions if version == '7.8.9')
 
 
-def test_the_index_has_every_page() -> None:
+def test_index_lists_every_page() -> None:
     index = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
     for page in ROOT.glob('docs/*.md'):
         assert page.name == 'README.md' or f']({page.name})' in index, page.name
 
 
-def test_the_index_has_every_executable() -> None:
+def test_index_lists_every_executable() -> None:
     from epson_driver.processes.executables import EXECUTABLES
 
     text = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
@@ -70,7 +70,7 @@ def test_the_index_has_every_executable() -> None:
         assert f'`{name}`' in text, f'docs/README.md does not mention {name}'
 
 
-def test_every_invariant_of_the_page_has_tests() -> None:
+def test_every_documented_invariant_has_tests() -> None:
     page = (ROOT / 'docs' / 'invariants.md').read_text(encoding='utf-8')
     described = re.findall(r'(?m)^(\d+)\. [A-Z]', page)
     lines = ''.join(runpy.run_path(str(ROOT / 'docs' / 'make_tables.py'))['invariants']())
@@ -79,7 +79,7 @@ def test_every_invariant_of_the_page_has_tests() -> None:
 
 PAGE = (ROOT / 'docs' / 'troubleshooting.md').read_text(encoding='utf-8')
 
-SAID = re.findall(r'^\* \*\*"(.+?)"\*\*', PAGE, re.MULTILINE)
+MESSAGES = re.findall(r'^\* \*\*"(.+?)"\*\*', PAGE, re.MULTILINE)
 
 
 def without_docstrings(path):
@@ -96,7 +96,7 @@ def is_text(line):
 
 
 def sentences():
-    """Return all texts in the driver's code, each f-string's parts joined by …."""
+    """Yield all texts in the driver's code, with … for the values of f-strings."""
     for package in ('driver', 'node', 'link', 'simple_message'):
         for path in (ROOT / 'epson_driver' / package).rglob('*.py'):
             for node in ast.walk(without_docstrings(path)):
@@ -110,9 +110,9 @@ def sentences():
 TEXTS = '\n'.join(sentences())
 
 
-@pytest.mark.parametrize('said', SAID)
-def test_the_driver_can_say_it(said):
-    assert said in TEXTS
+@pytest.mark.parametrize('message', MESSAGES)
+def test_documented_message_exists_in_the_driver(message):
+    assert message in TEXTS
 
 
 DOCS = Path(__file__).parents[1] / 'docs' / 'remote.md'
@@ -123,7 +123,7 @@ def section(heading):
     return DOCS.read_text(encoding='utf-8').split(f'## {heading}\n')[1].split('\n## ')[0]
 
 
-def test_the_documented_flags_are_those_of_the_code():
+def test_documented_flags_equal_the_code():
     flags = [item.split(': ')[0] for item, _ in items(section('Flags of GetStatus'))]
     assert flags == [f'`{name}`' for name in FLAGS]
 
@@ -138,7 +138,7 @@ GOOD = 'number: 1, meaning: m, remedy: r, confirmed: true, source: s'
 
 
 @pytest.mark.parametrize('number', EPSON)
-def test_every_number_has_a_meaning_and_a_source(number):
+def test_error_number_has_a_meaning_and_a_source(number):
     text = EPSON[number]
     assert 0 <= number <= 9999
     assert text.meaning
@@ -147,28 +147,28 @@ def test_every_number_has_a_meaning_and_a_source(number):
     assert text.remedy or number in (0, 2998, 2999)
 
 
-def test_numbers_are_in_order():
+def test_error_numbers_are_in_order():
     assert list(EPSON) == sorted(EPSON)
 
 
-def test_a_phrase_says_number_meaning_and_doubt():
+def test_phrase_has_number_meaning_and_doubt():
     texts = ErrorTexts({1: ErrorText('it broke', 'mend it'), 2: ErrorText('it sank', '', False)})
     assert texts.phrase(1) == '1 (it broke)'
     assert texts.phrase(2) == '2 (it sank; not confirmed)'
     assert texts.phrase(3) == '3'
-    assert EPSON.phrase(0) == '0'  # in error, and the number does not say which
+    assert EPSON.phrase(0) == '0'  # an error without a number
     assert texts.advice(1, 'look') == 'mend it'
     assert texts.advice(2, 'look') == texts.advice(3, 'look') == 'look'
     assert len(texts) == 2
 
 
-def test_the_table_without_texts():
+def test_table_none_has_no_texts():
     assert dict(load_error_texts('none')) == {}
     assert load_error_texts('none').phrase(4031) == '4031'
 
 
 @pytest.mark.parametrize('name', ['nonsense', '../robots/c3_a601s', ''])
-def test_a_table_that_is_not_there(name):
+def test_missing_table_is_an_error(name):
     with pytest.raises(FileNotFoundError):
         load_error_texts(name)
 
@@ -186,7 +186,7 @@ def test_a_table_that_is_not_there(name):
         (f'errors: [{{{GOOD.replace("true", "1")}}}]', r'errors\[0\].confirmed = 1: must be bool'),
     ],
 )
-def test_a_bad_file_is_named_with_what_is_wrong(tmp_path, content, wrong):
+def test_invalid_error_file_is_reported(tmp_path, content, wrong):
     path = tmp_path / 'x.yaml'
     path.write_text(content, encoding='utf-8')
     with pytest.raises(ValueError, match=wrong) as caught:
@@ -194,7 +194,7 @@ def test_a_bad_file_is_named_with_what_is_wrong(tmp_path, content, wrong):
     assert str(path) in str(caught.value)
 
 
-def test_a_good_file_is_read(tmp_path):
+def test_valid_error_file_is_read(tmp_path):
     path = tmp_path / 'x.yaml'
     path.write_text(f'errors: [{{{GOOD}}}]', encoding='utf-8')
     assert dict(read_error_texts(path)) == {1: ErrorText('m', 'r', True, 's')}

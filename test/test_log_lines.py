@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log lines that others cause: how many, and what they do to a terminal; socket errors."""
+"""Log lines caused by peers: rate limit and escaping, and texts of socket errors."""
 
 import errno
 import logging
@@ -16,7 +16,7 @@ from epson_driver.remote_ethernet.client import execute
 from epson_driver.socket_errors import reason
 
 
-def test_a_line_in_a_period_and_the_next_one_counts():
+def test_one_line_per_period_passes_with_a_count():
     pace = LogThrottle()
     assert pace.line('first', 100.0) == 'first'
     assert pace.line('second', 100.1) is None
@@ -25,7 +25,7 @@ def test_a_line_in_a_period_and_the_next_one_counts():
     assert pace.line('fifth', 100.0 + 3 * PERIOD_S) == 'fifth'
 
 
-def test_a_burst_passes_and_is_saved_up_again():
+def test_burst_passes_and_is_restored_later():
     pace = LogThrottle(burst=5)
     passed = [pace.passes(100.0) for _ in range(1000)]
     assert passed == [0] * 5 + [None] * 995
@@ -34,7 +34,7 @@ def test_a_burst_passes_and_is_saved_up_again():
     assert [pace.passes(1000.0) for _ in range(6)] == [1, 0, 0, 0, 0, None]
 
 
-def test_at_most_the_burst_and_one_in_each_period_pass_however_often_they_are_asked_for():
+def test_burst_and_one_line_per_period_pass_at_any_rate():
     pace = LogThrottle(burst=5)
     passed = [pace.passes(0.001 * tick) for tick in range(10_001)]
     assert sum(held is not None for held in passed) == 5 + 10
@@ -53,12 +53,12 @@ def test_at_most_the_burst_and_one_in_each_period_pass_however_often_they_are_as
         ('\u2028', r'\u2028'),
     ],
 )
-def test_what_is_not_printable_is_shown_as_python_writes_it(text, shown):
+def test_unprintable_characters_are_escaped(text, shown):
     assert printable(text) == shown
     assert printable(printable(text)) == shown
 
 
-def test_a_record_is_one_printable_line_and_a_traceback_printable_lines():
+def test_log_record_is_one_printable_line():
     formatter = PrintableFormatter('%(levelname)s %(message)s')
     try:
         raise ValueError('\x1b]0;title\x07')
@@ -74,7 +74,7 @@ def test_a_record_is_one_printable_line_and_a_traceback_printable_lines():
     assert all(line.isprintable() for line in lines)
 
 
-def test_the_address_is_not_in_the_reason() -> None:
+def test_reason_has_no_address() -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
         address = taken.getsockname()
         with pytest.raises(OSError, match='address') as caught:
@@ -96,11 +96,11 @@ def test_the_address_is_not_in_the_reason() -> None:
         (TimeoutError(), ''),
     ],
 )
-def test_reasons(error: Exception, text: str) -> None:
+def test_reason_of_a_socket_error_is_its_text(error: Exception, text: str) -> None:
     assert reason(error) == text
 
 
-def test_a_host_that_cannot_be_found_is_told_without_a_number() -> None:
+def test_unknown_host_error_has_no_errno() -> None:
     with pytest.raises(ConnectionError) as caught:
         run(execute('no such host', 5000, [], PATIENCE))
     text = str(caught.value)

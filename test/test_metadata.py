@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Package manifests: what release tools ask for is there."""
+"""Package manifests have the fields that release tools require."""
 
 import runpy
 import sys
@@ -17,12 +17,12 @@ MANIFESTS = sorted(
     path for path in ROOT.glob('**/package.xml') if not {'.venv', 'build'} & set(path.parts)
 )
 COPIES = ('control_msgs', 'industrial_msgs', 'tf2_msgs')
-"""Packages of others, with the versions of the originals."""
+"""Copied packages, with the versions of the originals."""
 
 
 @pytest.fixture(scope='module')
 def setup_arguments() -> dict[str, Any]:
-    """Return what setup.py hands to setuptools."""
+    """The arguments of setup.py for setuptools."""
     given: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(setuptools, 'setup', lambda **keywords: given.update(keywords))
@@ -33,7 +33,7 @@ def setup_arguments() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('path', MANIFESTS, ids=lambda path: path.parent.name)
-def test_a_manifest_has_what_release_tools_ask_for(path: Path) -> None:
+def test_manifest_is_valid_for_release_tools(path: Path) -> None:
     warnings: list[str] = []
     package = parse_package(str(path), warnings=warnings)
     assert warnings == []
@@ -42,7 +42,7 @@ def test_a_manifest_has_what_release_tools_ask_for(path: Path) -> None:
     assert package.licenses == ['Apache-2.0']
 
 
-def test_nothing_of_ros_is_required(setup_arguments: dict[str, Any]) -> None:
+def test_setup_requires_no_ros_package(setup_arguments: dict[str, Any]) -> None:
     """`pip install epson_driver` alone gives the Python API (docs/python.md)."""
     assert setup_arguments['install_requires'] == [
         'numpy',
@@ -53,7 +53,7 @@ def test_nothing_of_ros_is_required(setup_arguments: dict[str, Any]) -> None:
     ]
 
 
-def test_packages_of_one_release_have_one_version_and_maintainer(
+def test_packages_have_one_version_and_maintainer(
     setup_arguments: dict[str, Any],
 ) -> None:
     ours = [parse_package(str(path)) for path in MANIFESTS if path.parent.name not in COPIES]
@@ -64,7 +64,7 @@ def test_packages_of_one_release_have_one_version_and_maintainer(
     assert emails == {setup_arguments['maintainer_email']}
 
 
-def test_setup_names_only_files_that_exist(setup_arguments: dict[str, Any]) -> None:
+def test_data_files_of_setup_exist(setup_arguments: dict[str, Any]) -> None:
     files = [file for _, files in setup_arguments['data_files'] for file in files]
     assert 'scripts/client' in files
     assert [file for file in files if not (ROOT / file).is_file()] == []

@@ -15,7 +15,7 @@ from epson_driver.share import share_file
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def test_a_file_of_the_source_tree_is_found() -> None:
+def test_file_of_the_source_tree_is_found() -> None:
     path = share_file('config', 'robots', 'c3.yaml')
     assert path.is_absolute()
     assert path.read_bytes() == (ROOT / 'config' / 'robots' / 'c3.yaml').read_bytes()
@@ -31,16 +31,14 @@ def test_a_file_of_the_source_tree_is_found() -> None:
     ],
     ids='/'.join,
 )
-def test_a_file_that_is_not_there_says_where_and_what_else_is(
-    parts: tuple[str, ...], there: str
-) -> None:
+def test_missing_file_error_lists_the_folder(parts: tuple[str, ...], there: str) -> None:
     with pytest.raises(FileNotFoundError, match=rf'^no {parts[-1]} in .*there is: {there}\)$'):
         share_file(*parts)
 
 
 @pytest.fixture
 def installed(tmp_path: Path) -> Callable[..., Path]:
-    """Install share.py and one data file as pip and colcon do; return the function there."""
+    """Install share.py and a data file like pip and colcon. Return the installed function."""
     package = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'epson_driver'
     package.mkdir(parents=True)
     shutil.copy(share.__file__, package)
@@ -56,7 +54,7 @@ def installed(tmp_path: Path) -> Callable[..., Path]:
     return found
 
 
-def test_a_file_of_an_installed_prefix_is_found(
+def test_file_of_an_installed_prefix_is_found(
     installed: Callable[..., Path], tmp_path: Path
 ) -> None:
     expected = tmp_path / 'share' / 'epson_driver' / 'config' / 'robots' / 'mine.yaml'

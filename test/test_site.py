@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`make docs`: every page is built, links lead somewhere, and nothing is asked of another host."""
+"""`make docs` builds every page with valid links and without requests to other hosts."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ from support.browser import browser_page
 
 ROOT = Path(__file__).parents[1]
 SITE = ROOT / 'build' / 'site'
-ASKING = {
+FETCHING = {
     'script': 'src',
     'img': 'src',
     'link': 'href',
@@ -25,14 +25,14 @@ ASKING = {
     'object': 'data',
     'embed': 'src',
 }
-"""Elements that a browser fetches, unasked, what they name."""
+"""Elements whose target a browser fetches automatically."""
 
-SAYS_ONLY = {'canonical', 'next', 'prev'}
-"""Relations of a link that no browser fetches."""
+NOT_FETCHED = {'canonical', 'next', 'prev'}
+"""Relations of links that browsers do not fetch."""
 
 
 class Page(HTMLParser):
-    """What a page fetches, what it links to, and the places in it that links may name."""
+    """The fetched files, the links and the anchors of a page."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -46,15 +46,15 @@ class Page(HTMLParser):
         given = {name: value or '' for name, value in attrs}
         self.classes |= set(given.get('class', '').split())
         self.places |= {given[name] for name in ('id', 'name') if name in given}
-        if tag in ASKING and not SAYS_ONLY & set(given.get('rel', '').split()):
-            self.fetched += [given[ASKING[tag]]] if ASKING[tag] in given else []
+        if tag in FETCHING and not NOT_FETCHED & set(given.get('rel', '').split()):
+            self.fetched += [given[FETCHING[tag]]] if FETCHING[tag] in given else []
         if tag == 'a' and 'href' in given:
             self.links.append(given['href'])
 
 
 @pytest.fixture(scope='module')
 def pages() -> dict[Path, Page]:
-    """Build the site; return its pages by file."""
+    """Build the site. Return its pages by file."""
     pytest.importorskip('zensical', reason='make docs installs it, and make test-all')
     run = subprocess.run(
         [sys.executable, ROOT / 'docs' / 'make_site.py'],
@@ -69,7 +69,7 @@ def pages() -> dict[Path, Page]:
 
 
 @pytest.mark.slow
-def test_every_page_of_the_docs_is_in_the_site(pages: dict[Path, Page]) -> None:
+def test_every_page_is_in_the_site(pages: dict[Path, Page]) -> None:
     made = [ROOT / 'docs' / 'python_api.md', ROOT / 'docs' / 'licences.md']
     for page in [*ROOT.glob('docs/*.md'), *made, ROOT / 'CONTRIBUTING.md', ROOT / 'README.md']:
         name = 'index' if page.stem == 'README' else page.stem
@@ -77,7 +77,7 @@ def test_every_page_of_the_docs_is_in_the_site(pages: dict[Path, Page]) -> None:
 
 
 @pytest.mark.slow
-def test_links_within_the_site_lead_to_a_page_and_a_place_in_it(pages: dict[Path, Page]) -> None:
+def test_links_within_the_site_are_valid(pages: dict[Path, Page]) -> None:
     wrong = []
     for file, page in pages.items():
         for link in page.links:
@@ -93,26 +93,26 @@ def test_links_within_the_site_lead_to_a_page_and_a_place_in_it(pages: dict[Path
 
 
 @pytest.mark.slow
-def test_no_page_asks_another_host_for_anything(pages: dict[Path, Page]) -> None:
-    """Fonts, scripts, pictures, and the script of mermaid, which a page with a diagram loads."""
+def test_pages_fetch_nothing_from_other_hosts(pages: dict[Path, Page]) -> None:
+    """This includes fonts, scripts, pictures, and mermaid's script on pages with diagrams."""
     for file, page in pages.items():
         assert not [each for each in page.fetched if re.match(r'(https?:)?//', each)], file
         assert 'mermaid' not in page.classes, file
         assert 'data-md-component="source"' not in file.read_text(encoding='utf-8'), file
     for sheet in SITE.rglob('*.css'):
-        asked = re.findall(
+        fetched = re.findall(
             r'(?:url\(|@import)\s*["\']?((?:https?:)?//[^)"\']+)', sheet.read_text()
         )
-        assert not asked, sheet
+        assert not fetched, sheet
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures('pages')
-def test_the_search_finds_a_page_without_a_server() -> None:
-    with browser_page() as (tab, told, requested):
+def test_search_works_without_a_server() -> None:
+    with browser_page() as (tab, messages, requested):
         tab.goto((SITE / 'docs' / 'safety.html').as_uri())
         tab.keyboard.press('/')
         tab.get_by_placeholder('Search').last.fill('virtual time')
         tab.get_by_role('option').filter(has_text='Architecture').first.wait_for()
-        assert not [line for line in told if 'error' in line]
+        assert not [line for line in messages if 'error' in line]
         assert not [address for address in requested if not address.startswith('file:')]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading planned trajectories, and whether an error says which file and what in it."""
+"""Reading of trajectory files, and their errors with file and key."""
 
 import numpy as np
 import pytest
@@ -44,12 +44,12 @@ def refusal(path):
     return str(caught.value)
 
 
-def test_there_are_trajectories():
+def test_repository_has_trajectories():
     assert len(FILES) >= 5
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
-def test_every_trajectory_of_the_repository_can_be_executed(path):
+def test_trajectory_of_the_repository_can_be_executed(path):
     trajectory = read_trajectory(path)
     assert trajectory.duration > 0.0
     kind = SCARA if path == TRAJECTORY_OF_SCARAS else SIX_AXIS
@@ -62,7 +62,7 @@ def test_every_trajectory_of_the_repository_can_be_executed(path):
         assert list(problems(trajectory.in_order(limits.names), limits)) == []
 
 
-def test_numbers_are_read_as_they_are_written(tmp_path):
+def test_numbers_are_read_exactly(tmp_path):
     trajectory = read_trajectory(written(tmp_path, GOOD))
     assert trajectory.joint_names == ('a', 'b')
     assert trajectory.times.tolist() == [0.0, 1.25]
@@ -72,7 +72,7 @@ def test_numbers_are_read_as_they_are_written(tmp_path):
     assert trajectory.positions.dtype == np.float64
 
 
-def test_what_is_written_is_read_again(tmp_path):
+def test_written_trajectory_is_read_back(tmp_path):
     given = read_trajectory(written(tmp_path, GOOD))
     path = tmp_path / 'again.yaml'
     write_trajectory(path, given, 'a comment')
@@ -85,95 +85,73 @@ def test_what_is_written_is_read_again(tmp_path):
     assert again.accelerations is None
 
 
-def test_times_may_be_missing_where_they_do_not_count(tmp_path):
+def test_times_are_optional_on_request(tmp_path):
     text = GOOD.replace('  time_from_start: {sec: 0, nanosec: 0}\n', '')
     assert read_trajectory(written(tmp_path, text), timed=False).times.tolist() == [0.0, 1.25]
     refusal(written(tmp_path, text))
 
 
-def test_what_else_a_message_has_is_left_alone(tmp_path):
+def test_other_fields_of_the_message_are_ignored(tmp_path):
     text = 'header: {stamp: {sec: 1, nanosec: 2}, frame_id: base}\n' + GOOD
     assert read_trajectory(written(tmp_path, text)).duration == 1.25
 
 
-def test_what_ros2_topic_echo_prints_ends_with_three_dashes(tmp_path):
+def test_output_of_ros2_topic_echo_is_read(tmp_path):
     assert read_trajectory(written(tmp_path, GOOD + '---\n')).duration == 1.25
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_missing_trajectory_file_is_an_error(tmp_path):
     with pytest.raises(InputError, match=r'missing\.yaml: No such file'):
         read_trajectory(tmp_path / 'missing.yaml')
 
 
 @pytest.mark.parametrize(
-    ('change', 'word'),
+    ('before', 'after', 'words'),
     [
-        (('joint_names: [a, b]', ''), 'joint_names'),
-        (('points:', 'waypoints:'), 'points'),
-        (('  time_from_start: {sec: 0, nanosec: 0}\n', ''), 'time_from_start'),
-        (('{sec: 0, nanosec: 0}', '{sec: 0}'), 'nanosec'),
-        (('- positions: [0.0, 1.0]\n  vel', '- vel'), 'positions'),
-        (('velocities: [0.0, 0.0]', 'effort: []'), 'velocities'),
+        ('joint_names: [a, b]', '', ['joint_names']),
+        ('points:', 'waypoints:', ['points']),
+        ('  time_from_start: {sec: 0, nanosec: 0}\n', '', ['time_from_start']),
+        ('{sec: 0, nanosec: 0}', '{sec: 0}', ['nanosec']),
+        ('- positions: [0.0, 1.0]\n  vel', '- vel', ['positions']),
+        ('velocities: [0.0, 0.0]', 'effort: []', ['velocities']),
+        ('[0.1, 1.25]', '[0.1]', ['point 1', '1 positions', '2 joints']),
+        ('velocities: [0.0, 0.0]', 'velocities: [0.0]', ['point 1', '1 velocities', '2 joints']),
+        ('[0.1, 1.25]', '[0.1, here]', []),
+        ('sec: 1', 'sec: soon', []),
+        ('[0.1, 1.25]', '[0.1, []]', []),
     ],
 )
-def test_a_key_that_is_missing_is_named_with_the_file(tmp_path, change, word):
-    assert change[0] in GOOD
-    path = written(tmp_path, GOOD.replace(*change))
+def test_invalid_trajectory_is_reported_with_the_file(tmp_path, before, after, words):
+    assert before in GOOD
+    path = written(tmp_path, GOOD.replace(before, after))
     text = refusal(path)
-    assert str(path) in text
-    assert word in text
-
-
-def test_no_points(tmp_path):
-    path = written(tmp_path, 'joint_names: [a]\npoints: []\n')
-    assert refusal(path) == f'{path}: points is empty'
-
-
-@pytest.mark.parametrize('text', ['', '[]', '42', 'points: 3', 'joint_names: 1\npoints: [1]'])
-def test_something_else_than_a_trajectory(tmp_path, text):
-    path = written(tmp_path, text)
-    assert str(path) in refusal(path)
-
-
-@pytest.mark.parametrize('text', ['{', 'a: b: c', '\t- x', 'joint_names: ['])
-def test_not_yaml(tmp_path, text):
-    path = written(tmp_path, text)
-    assert str(path) in refusal(path)
-    assert 'not YAML' in refusal(path)
+    assert all(word in text for word in (str(path), *words))
 
 
 @pytest.mark.parametrize(
-    ('change', 'words'),
+    ('content', 'text'),
     [
-        (('[0.1, 1.25]', '[0.1]'), ['point 1', '1 positions', '2 joints']),
-        (('velocities: [0.0, 0.0]', 'velocities: [0.0]'), ['point 1', '1 velocities', '2 joints']),
+        (b'[]', ''),
+        (b'', ''),
+        (b'42', ''),
+        (b'points: 3', ''),
+        (b'joint_names: 1\npoints: [1]', ''),
+        (b'joint_names: [a]\npoints: []\n', ': points is empty'),
+        (b'{', 'not YAML'),
+        (b'a: b: c', 'not YAML'),
+        (b'\t- x', 'not YAML'),
+        (b'joint_names: [', 'not YAML'),
+        (b'\xff\xfe\x00joint_names', ''),
     ],
 )
-def test_wrong_lengths_are_named_with_the_file(tmp_path, change, words):
-    assert change[0] in GOOD
-    path = written(tmp_path, GOOD.replace(*change))
-    text = refusal(path)
-    assert all(word in text for word in words)
-    assert str(path) in text
-
-
-@pytest.mark.parametrize(
-    'change',
-    [('[0.1, 1.25]', '[0.1, here]'), ('sec: 1', 'sec: soon'), ('[0.1, 1.25]', '[0.1, []]')],
-)
-def test_what_is_no_number_is_named_with_the_file(tmp_path, change):
-    assert change[0] in GOOD
-    path = written(tmp_path, GOOD.replace(*change))
-    assert str(path) in refusal(path)
-
-
-def test_bytes_that_are_no_text(tmp_path):
+def test_file_without_a_trajectory_is_reported(tmp_path, content, text):
     path = tmp_path / 'plan.yaml'
-    path.write_bytes(b'\xff\xfe\x00joint_names')
+    path.write_bytes(content)
     assert str(path) in refusal(path)
+    assert text in refusal(path)
 
 
-def test_a_time_may_be_a_number_of_seconds(tmp_path):
+def test_time_can_be_a_number_of_seconds(tmp_path):
     text = GOOD.replace('{sec: 1, nanosec: 250000000}', '2.5')
     assert read_trajectory(written(tmp_path, text)).times.tolist() == [0.0, 2.5]
     for bad in ('-1.0', 'soon', '[1]', '.inf'):
@@ -182,13 +160,13 @@ def test_a_time_may_be_a_number_of_seconds(tmp_path):
 
 
 @pytest.mark.parametrize('text', ['', '# nothing\n', '---\n'])
-def test_an_empty_file_is_told_its_form(tmp_path, text):
+def test_empty_file_error_describes_the_format(tmp_path, text):
     with pytest.raises(InputError, match=r'is empty: must have joint_names: .*time_from_start'):
         read_trajectory(written(tmp_path, text))
 
 
 @pytest.mark.parametrize('points', ['3', '{a: 1}', 'none'])
-def test_points_that_are_no_list_are_shown(tmp_path, points):
+def test_points_must_be_a_list(tmp_path, points):
     path = written(tmp_path, f'joint_names: [a]\npoints: {points}\n')
     assert refusal(path).startswith(f'{path}: points = ')
     assert refusal(path).endswith(': must be a list')

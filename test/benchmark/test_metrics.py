@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The metrics of the benchmark, and the trajectories that they measure."""
+"""The metrics of the benchmark, its trajectories and its requirements."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -42,7 +42,7 @@ def stops_at_each(positions: Array = POINTS) -> Record:
 def figures_of(
     record: Record, positions: Array = POINTS, durations: Array | None = None
 ) -> Metrics:
-    """Return the figures of a motion along points, which are commanded if they have durations."""
+    """Return the figures of a motion along points. With durations the points are commanded."""
     return measure(
         BenchmarkTrajectory('a test', positions, durations),
         record,
@@ -51,7 +51,7 @@ def figures_of(
     )
 
 
-def test_stop_and_go_has_its_figures() -> None:
+def test_figures_of_stop_and_go_motion_are_exact() -> None:
     expected = stop_and_go(POINTS, LIMITS)
     figures = figures_of(stops_at_each())
     assert figures.duration == pytest.approx(expected.duration, abs=0.02)
@@ -63,7 +63,7 @@ def test_stop_and_go_has_its_figures() -> None:
     assert figures.overrun == figures.end == 0.0
 
 
-def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
+def test_only_uncommanded_rests_are_stops() -> None:
     positions = np.repeat(POINTS, [1, 1, 2, 1, 1], axis=0)
     record = stops_at_each(positions)
     durations = np.array([0.0, 0.3, 0.3, 0.5, 0.3, 0.3])
@@ -71,20 +71,20 @@ def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
     assert figures_of(record, positions).stops == 3
 
 
-def test_going_too_far_is_an_overrun_even_if_it_comes_back() -> None:
+def test_overrun_is_measured() -> None:
     record = stops_at_each(np.concatenate([POINTS, [POINTS[-1] + 0.01], POINTS[-1:]]))
     figures = figures_of(record)
     assert figures.overrun == pytest.approx(0.01, abs=1e-6)
     assert figures.end == 0.0
 
 
-def test_a_missed_waypoint_is_found() -> None:
+def test_missed_waypoint_is_measured() -> None:
     missed = POINTS.copy()
     missed[2, 3] += 3e-3
     assert figures_of(stops_at_each(), missed).waypoint == pytest.approx(3e-3, rel=1e-3)
 
 
-def test_a_point_that_is_passed_before_its_time_is_found() -> None:
+def test_early_waypoint_is_measured() -> None:
     record = stops_at_each()
     late = np.diff(passages(POINTS, record).times, prepend=0.0)
     late[2] += 0.25
@@ -92,14 +92,14 @@ def test_a_point_that_is_passed_before_its_time_is_found() -> None:
     assert figures_of(record).early == 0.0
 
 
-def test_a_merged_waypoint_may_be_missed_by_the_tolerance() -> None:
+def test_merged_waypoint_has_the_tolerance() -> None:
     beside = POINTS[2] + np.array([0.0, 0.0, 0.0, 4e-4, 0.0, 0.0])
     positions = np.insert(POINTS, 3, beside, axis=0)
     assert may_be_merged(positions, 5e-4).tolist() == [False, False, False, True, False, False]
     assert figures_of(stops_at_each(), positions).waypoint < 1e-6
 
 
-def test_passages_are_exact_between_the_samples() -> None:
+def test_passages_are_exact_between_samples() -> None:
     motion = go(LIMITS, POINTS[0], POINTS[1])
     times = np.linspace(0.0213, motion.duration - 0.0211, 37)
     passed = passages(np.array([motion.at(time)[0] for time in times]), stops_at_each(POINTS[:2]))
@@ -107,7 +107,7 @@ def test_passages_are_exact_between_the_samples() -> None:
     assert passed.times == pytest.approx(times, abs=1e-5)
 
 
-def test_velocities_and_accelerations_that_are_not_those_of_the_positions_are_noticed() -> None:
+def test_inconsistent_derivatives_are_measured() -> None:
     record = stops_at_each()
     wrong = replace(record, velocities=1.1 * record.velocities)
     assert figures_of(wrong).mismatch > 0.01
@@ -117,7 +117,7 @@ def test_velocities_and_accelerations_that_are_not_those_of_the_positions_are_no
 
 
 def slow_samples(acceleration: Array, phase: float) -> Record:
-    """Return samples, `phase` s beside the millisecond, of one joint with these accelerations.
+    """Return samples of one joint with these accelerations, `phase` s off the millisecond.
 
     acceleration: as shares of the limit, at -30 … 30 ms of a moment at which nothing moves.
     """
@@ -147,13 +147,13 @@ def slow_samples(acceleration: Array, phase: float) -> Record:
     ],
     ids=['a slow turn', 'a turn', 'a rest, and back', 'a rest, and on', 'a longer rest'],
 )
-def test_a_turn_is_no_stop(accelerations: list[float], found: int, phase: float) -> None:
+def test_reversal_is_no_stop(accelerations: list[float], found: int, phase: float) -> None:
     record = slow_samples(np.array(accelerations), phase)
 
     assert len(stops(record, LIMITS)) == found
 
 
-def test_the_stored_references_are_those_of_the_set_and_sound() -> None:
+def test_stored_references_are_complete_and_valid() -> None:
     stored = References()
     for one in benchmark_set():
         for name in FACTORS:
@@ -166,8 +166,8 @@ AFTER = 'quintic, behind smooth_goals'
 LINE = np.array([[0.0, 0.0, 0.5, 0.0, -1.0, 0.0], [1.0, -0.5, 1.0, 0.5, -0.5, 1.0]])
 
 
-def test_splines_in_time_of_a_known_motion() -> None:
-    """A quintic from rest to rest: its largest velocity is 15/8 of the mean one."""
+def test_time_splines_match_a_known_motion() -> None:
+    """A quintic from rest to rest has a peak velocity of 15/8 of the mean."""
     use = joint_spline('quintic', LINE, np.array([0.0, 0.5]), LIMITS)
     mean = np.max(np.abs(LINE[1] - LINE[0]) / LIMITS.velocity) / 0.5
     assert use.velocity == pytest.approx(15 / 8 * mean, rel=1e-4)
@@ -175,7 +175,7 @@ def test_splines_in_time_of_a_known_motion() -> None:
     assert use.velocity == pytest.approx(3 / 2 * mean, rel=1e-4)
 
 
-def test_behind_smooth_goals_quintics_keep_the_limits() -> None:
+def test_quintics_after_smooth_goals_respect_the_limits() -> None:
     line, times = LINE[[0, 1, 0]], np.array([0.0, 0.15, 0.15])
     before, after = (joint_spline(name, line, times, LIMITS) for name in ('quintic', AFTER))
     assert min(before.velocity, before.acceleration, before.jerk) > 1.2
@@ -208,7 +208,7 @@ def case(**changes: float) -> Case:
     return Case('one', 'full', 50, 2.0, 0.0, times, strategies=strategies)
 
 
-def test_what_is_good_meets_every_requirement() -> None:
+def test_good_case_meets_every_requirement() -> None:
     assert [line for line, met in judged([case()]) if not met] == []
 
 
@@ -229,11 +229,13 @@ def test_what_is_good_meets_every_requirement() -> None:
         ('step_p99', 5e-4, 1),
     ],
 )
-def test_what_is_too_much_is_missed(quantity: str, value: float, missed: int) -> None:
+def test_exceeded_quantity_misses_its_requirement(
+    quantity: str, value: float, missed: int
+) -> None:
     lines = [line for line, met in judged([case(**{quantity: value})]) if not met]
     assert len(lines) == missed
     assert all(line.endswith('one, full  MISSED') for line in lines)
 
 
-def test_what_was_not_measured_is_not_met() -> None:
+def test_missing_measurement_misses_every_requirement() -> None:
     assert [met for _, met in judged([])] == [False] * len(REQUIRED)

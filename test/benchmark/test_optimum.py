@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest motion that ipopt finds, where it is known (`make optimum` installs CasADi)."""
+"""ipopt's fastest motion in cases with a known optimum (`make optimum` installs CasADi)."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ START = np.array([0.0, 0.0, 0.5, 0.0, -1.0, 0.0])
 END = np.array([1.0, -0.5, 1.0, 0.5, -0.5, 1.0])
 
 
-def test_points_near_the_one_before_or_the_goal_count_once() -> None:
+def test_nearly_equal_points_are_merged() -> None:
     near, middle = 0.9 * MERGED_RAD, (START + END) / 2.0
     points = np.array(
         [START, START + near, middle, middle + near, middle + 2.0 * near, END - near, END]
@@ -23,7 +23,7 @@ def test_points_near_the_one_before_or_the_goal_count_once() -> None:
     np.testing.assert_array_equal(merged(points), points[[0, 2, 4, 6]])
 
 
-def test_between_two_points_it_is_as_fast_as_the_exact_answer() -> None:
+def test_optimum_of_two_points_equals_the_exact_result() -> None:
     pytest.importorskip('casadi', reason='no CasADi (make optimum installs it)')
     exact = go(LIMITS, START, END).duration
     found = optimum(BenchmarkTrajectory('line', np.array([START, END]), None), LIMITS)

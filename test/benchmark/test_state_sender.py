@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of the state path's benchmark."""
+"""The messages of the state benchmark."""
 
 from benchmark.state_sender import STATUS, STEP_RAD, frame
 from epson_driver.simple_message import JointPosition, PacketFramer, Status
 
 
-def test_the_sender_numbers_its_messages_exactly() -> None:
+def test_messages_are_numbered_exactly() -> None:
     framer = PacketFramer()
     for number in (1, 77, 500_000, 900_001):
         framer.receive_data(frame(number) + STATUS)

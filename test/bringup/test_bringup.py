@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What launch files ask for: arguments, descriptions with a prefix, a command line."""
+"""The functions behind the launch files: arguments, robot descriptions, command lines."""
 
 import os
 import re
@@ -28,7 +28,7 @@ DEFAULTS = {each['name']: each['default_value'] for each in launch_arguments(*IN
 VALUES = DEFAULTS | {'interface': 'streaming'}
 
 
-def test_an_argument_has_name_default_and_description() -> None:
+def test_launch_argument_has_name_default_and_description() -> None:
     (argument,) = launch_arguments('sim_motion')
     assert argument == {
         'name': 'sim_motion',
@@ -43,7 +43,7 @@ def test_an_argument_has_name_default_and_description() -> None:
         launch_arguments('robot_iq')
 
 
-def test_defaults_that_the_descriptions_name_are_the_clients_own() -> None:
+def test_described_defaults_equal_the_client_defaults() -> None:
     defaults = {row.name: row.default for row in TABLE}
     for argument in launch_arguments('robot_ip', 'controller', 'robot_model'):
         (named,) = re.findall(r'or ([\w.]+)\.$', argument['description'])
@@ -51,7 +51,7 @@ def test_defaults_that_the_descriptions_name_are_the_clients_own() -> None:
     assert defaults['robot_model'] == DEFAULT_MODEL
 
 
-def test_a_prefix_is_before_every_name_of_the_urdf() -> None:
+def test_prefix_is_added_to_every_urdf_name() -> None:
     prefixed = robot_description('c3_a601s', 'left_')
     found = re.findall(r'<(?:link|joint|parent|child) (?:name|link)="([^"]+)"', prefixed)
     assert len(found) > 20
@@ -59,19 +59,19 @@ def test_a_prefix_is_before_every_name_of_the_urdf() -> None:
     assert {'left_tool0', 'left_joint_6', 'left_base_link'} <= set(found)
 
 
-def test_without_xacro_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_xacro_error_has_the_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'xacro', None)
     monkeypatch.setenv('XDG_CACHE_HOME', '/nowhere')
     with pytest.raises(BringupError, match=r'^xacro is missing: sudo apt install ros-jazzy-xacro'):
         robot_description('c3_a601s')
 
 
-def test_a_client_of_defaults_is_told_nothing() -> None:
+def test_default_arguments_give_no_parameters() -> None:
     assert client_parameters(DEFAULTS | {'interface': ''}) == {}
 
 
 @pytest.mark.parametrize('remote_port', ['', '5000'])
-def test_client_and_simulated_controller_agree_on_the_remote_port(remote_port: str) -> None:
+def test_client_and_sim_controller_have_one_remote_port(remote_port: str) -> None:
     values = VALUES | {'use_sim_controller': 'true', 'remote_port': remote_port}
     assert client_parameters(values)['remote_port'] == 5000
     words = controller_arguments(values)
@@ -79,7 +79,7 @@ def test_client_and_simulated_controller_agree_on_the_remote_port(remote_port: s
 
 
 @pytest.mark.parametrize('controller', one_in(2, ['spel', 'rc700a']))
-def test_the_simulated_controller_takes_its_command_line(tmp_path: Path, controller: str) -> None:
+def test_sim_controller_accepts_its_command_line(tmp_path: Path, controller: str) -> None:
     values = VALUES | {
         'robot_ip': '127.0.0.1',
         'controller': controller,
@@ -97,7 +97,7 @@ def test_the_simulated_controller_takes_its_command_line(tmp_path: Path, control
     assert process.returncode == 0
 
 
-def test_several_robots_get_a_prefix_that_ros_allows() -> None:
+def test_prefixes_of_several_robots_are_valid_names() -> None:
     robots = several_robots(
         dict.fromkeys(EACH, '')
         | {'namespaces': 'left,/line/two', 'robot_ips': '127.0.0.1, 127.0.0.2'}

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ros2_control in front of the driver: the block of the URDF, the controllers, what is refused.
+"""ros2_control with the driver: the URDF block, the controllers, and refused combinations.
 
-No controller manager runs here. Names are held against the documentation of
-joint_state_topic_hardware_interface, controller_manager and ros2_controllers of Jazzy, and against
-what the driver subscribes to and publishes.
+No controller manager runs here. Names are compared with the documentation of
+joint_state_topic_hardware_interface, controller_manager and ros2_controllers of Jazzy, and with
+the driver's topics.
 """
 
 import re
@@ -52,8 +52,8 @@ def block(model: str, prefix: str = '', namespace: str = '') -> ElementTree.Elem
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
 @pytest.mark.parametrize('prefix', ['', 'left_'])
-def test_the_block_has_every_joint_of_the_urdf_that_moves(model: str, prefix: str) -> None:
-    """A joint that the URDF lacks makes the controller manager refuse all of it."""
+def test_block_has_every_moving_joint_of_the_urdf(model: str, prefix: str) -> None:
+    """The controller manager refuses a block with an unknown joint."""
     text = robot_description(model, prefix, **ros2_control_arguments(''))
     root = ElementTree.fromstring(text)
     moving = [each.get('name') for each in root.findall('joint') if each.get('type') != 'fixed']
@@ -63,7 +63,7 @@ def test_the_block_has_every_joint_of_the_urdf_that_moves(model: str, prefix: st
     assert (found.get('name'), found.get('type')) == (f'{prefix}epson', 'system')
 
 
-def test_the_plugin_and_its_parameters_are_those_of_the_package() -> None:
+def test_plugin_and_parameters_exist() -> None:
     hardware = block('c3_a601s').find('hardware')
     assert hardware is not None
     plugin = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
@@ -75,26 +75,26 @@ def test_the_plugin_and_its_parameters_are_those_of_the_package() -> None:
     }
 
 
-def test_the_interfaces_are_what_joint_states_and_joint_commands_carry() -> None:
+def test_interfaces_match_the_joint_topics() -> None:
     for joint in block('c3_a601s').findall('joint'):
         for kind in ('command_interface', 'state_interface'):
             assert [each.get('name') for each in joint.findall(kind)] == ['position', 'velocity']
-        assert joint.findall('.//param') == []  # an initial_value would be commanded at first
+        assert joint.findall('.//param') == []  # an initial_value would be commanded first
 
 
 @pytest.mark.parametrize('namespace', ['cell', '/cell/', 'line/two'])
-def test_topics_are_those_of_the_drivers_namespace(namespace: str) -> None:
+def test_topics_are_in_the_namespace_of_the_driver(namespace: str) -> None:
     inside = '/' + namespace.strip('/')
     arguments = ros2_control_arguments(namespace)
     assert arguments['joint_commands_topic'] == f'{inside}/epson_driver/joint_commands'
     assert arguments['joint_states_topic'] == f'{inside}/joint_states'
 
 
-def test_the_plain_description_has_no_block() -> None:
+def test_default_description_has_no_block() -> None:
     assert 'ros2_control' not in robot_description('c3_a601s')
 
 
-def test_every_controller_has_a_type_and_claims_what_the_block_offers() -> None:
+def test_controllers_claim_interfaces_of_the_block() -> None:
     found = controllers()
     manager = found.pop('controller_manager')
     types = {name: each['type'] for name, each in manager.items() if isinstance(each, dict)}
@@ -112,7 +112,7 @@ def test_every_controller_has_a_type_and_claims_what_the_block_offers() -> None:
     assert manager['update_rate'] == 100
 
 
-def test_joints_and_tolerances_follow_the_model_and_the_prefix() -> None:
+def test_joints_and_tolerances_match_model_and_prefix() -> None:
     own = controllers()[CONTROLLER]
     plain = controllers_parameters('c3_a601s')
     assert plain['joints'] == own['joints']
@@ -125,7 +125,7 @@ def test_joints_and_tolerances_follow_the_model_and_the_prefix() -> None:
     assert scara['constraints']['left_joint_4'] == {'trajectory': behind[3], 'goal': 0.01}  # rad
 
 
-def test_moveit_executes_through_the_controller_that_is_started() -> None:
+def test_moveit_uses_the_started_controller() -> None:
     manager = move_group_parameters('c3_a601s', 'left_', CONTROLLER)[
         'moveit_simple_controller_manager'
     ]
@@ -143,17 +143,17 @@ def test_moveit_executes_through_the_controller_that_is_started() -> None:
         ({'controller': 'motoman'}, 'controller = motoman: its points are not followed'),
     ],
 )
-def test_a_driver_that_follows_no_streams_is_refused(given: dict[str, str], why: str) -> None:
+def test_driver_without_streams_is_refused(given: dict[str, str], why: str) -> None:
     with pytest.raises(BringupError, match=re.escape(why)):
         check_streams(VALUES | given)
 
 
 @pytest.mark.parametrize('given', [{}, {'controller': 'abb', 'interface': 'streaming'}])
-def test_a_driver_that_follows_streams_is_not(given: dict[str, str]) -> None:
+def test_driver_with_streams_is_accepted(given: dict[str, str]) -> None:
     check_streams(VALUES | given)
 
 
-def test_moveit_servo_sends_windows_to_the_topic_that_takes_them() -> None:
+def test_moveit_servo_publishes_to_the_trajectory_topic() -> None:
     file = yaml.safe_load(share_file('config', 'moveit', 'servo.yaml').read_text('utf-8'))
     (servo,) = file.values()
     assert servo['command_out_topic'] == 'epson_driver/servo'
@@ -168,9 +168,7 @@ def test_moveit_servo_sends_windows_to_the_topic_that_takes_them() -> None:
     ('model', 'margins'),
     [('c3_a601s', [0.12] * 6), ('gx4_c251s', [0.12, 0.12, 0.0075, 0.12])],
 )
-def test_moveit_servos_margins_leave_each_joint_most_of_its_range(
-    model: str, margins: list[float]
-) -> None:
+def test_servo_margins_leave_most_of_each_joint_range(model: str, margins: list[float]) -> None:
     robot = load_robot_model(model)
     found = servo_parameters(model)['moveit_servo']['joint_limit_margins']
     assert found == pytest.approx(margins, abs=1e-4)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every launch file: what it names exists, and it starts what its name says."""
+"""Every launch file: its references exist, and it starts the documented processes."""
 
 import re
 import runpy
@@ -18,7 +18,7 @@ from epson_driver.setup.table import TABLE
 
 ROOT = Path(__file__).parents[2]
 FIXED = ('robot_interface_streaming', 'robot_interface_download')
-"""They set the interface; in the others it is the controller's usual one."""
+"""Files that set the interface. The others use the controller's default."""
 
 CLIENT_FILES = (
     *('robot_interface', *FIXED),
@@ -42,7 +42,7 @@ def options(node: Any) -> dict[str, str]:
 
 
 @EACH_FILE
-def test_what_a_launch_file_names_exists(path: Path) -> None:
+def test_references_of_a_launch_file_exist(path: Path) -> None:
     for each in described(path):
         if each.kind == 'DeclareLaunchArgument':
             assert each.description.endswith('.')
@@ -115,7 +115,7 @@ STARTED = (
 
 
 @pytest.mark.parametrize(('name', 'given', 'executables'), STARTED)
-def test_a_launch_file_starts_what_its_name_says(
+def test_launch_file_starts_its_executables(
     name: str, given: dict[str, str], executables: str
 ) -> None:
     started = launched(name, **given)
@@ -123,7 +123,7 @@ def test_a_launch_file_starts_what_its_name_says(
 
 
 @pytest.mark.parametrize('name', CLIENT_FILES)
-def test_every_file_with_a_client_passes_its_arguments_on(name: str, tmp_path: Path) -> None:
+def test_arguments_are_passed_to_the_client(name: str, tmp_path: Path) -> None:
     interface = {'interface': name.split('_')[-1]} if name in FIXED else {}
     assert the_client(launched(name)).values == interface
     params = tmp_path / 'mine.yaml'
@@ -134,7 +134,7 @@ def test_every_file_with_a_client_passes_its_arguments_on(name: str, tmp_path: P
     place = {'namespace': 'cell', 'tf_prefix': 'left_', 'params_file': str(params)}
     node = the_client(launched(name, **arguments, **place))
     assert (node.namespace, node.files) == ('cell', [str(params)])
-    assert node.name == 'epson_driver'  # without it launch gives its parameters to any node
+    assert node.name == 'epson_driver'  # otherwise launch gives its parameters to any node
     names = {'joint_names': LEFT, 'frame_id': 'left_base_link'}
     assert node.values == {**words, **interface, **ports, **names}
 
@@ -149,19 +149,19 @@ def test_every_file_with_a_client_passes_its_arguments_on(name: str, tmp_path: P
         ({'description': 'true', 'parent': 'x', 'origin_xyz': '1 2'}, 'must be three numbers'),
     ],
 )
-def test_a_wrong_argument_is_named(arguments: dict[str, str], text: str) -> None:
+def test_invalid_argument_of_a_launch_file_is_named(arguments: dict[str, str], text: str) -> None:
     with pytest.raises((ValueError, FileNotFoundError, BringupError), match=re.escape(text)):
         launched('robot_interface', **arguments)
 
 
-def test_a_misspelled_argument_is_named_with_the_nearest() -> None:
+def test_misspelled_argument_suggests_the_nearest() -> None:
     messages = launched('robot_interface', robotip='1', of_my_own_file='3')
     (warning,) = [each.msg for each in messages if each.kind == 'LogInfo']
     assert 'launch argument robotip' in warning
     assert 'did you mean robot_ip?' in warning
 
 
-def test_a_simulation_meets_its_client() -> None:
+def test_simulation_and_client_have_equal_addresses() -> None:
     started = launched('simulation', robot_ip='127.0.0.3', motion_port='12000', remote_port='5001')
     words = options(nodes(started, 'sim_controller')[0])
     assert (words['--host'], words['--motion-port'], words['--remote-port']) == (
@@ -173,12 +173,12 @@ def test_a_simulation_meets_its_client() -> None:
     )
 
 
-def test_a_scara_has_four_joints_with_the_prefix() -> None:
+def test_scara_client_has_four_prefixed_joints() -> None:
     started = launched('robot_interface', robot_model='gx4_c251s', tf_prefix='left_')
     assert the_client(started).values['joint_names'] == LEFT[:4]
 
 
-def test_rviz_and_the_place_of_the_arm_have_the_prefix() -> None:
+def test_rviz_and_static_transform_have_the_prefix() -> None:
     given = {'parent': 'floor', 'origin_xyz': '1 0 0.5', 'origin_rpy': '0 0 1.57'}
     started = launched('robot_state_visualize', tf_prefix='a_', rviz_config='/mine.rviz', **given)
     assert options(nodes(started, 'rviz2')[0]) == {'-d': '/mine.rviz', '-f': 'a_base_link'}
@@ -188,19 +188,19 @@ def test_rviz_and_the_place_of_the_arm_have_the_prefix() -> None:
     assert options(place).items() >= (pose | frames).items()
 
 
-def test_ros2_control_stands_in_front_of_the_driver() -> None:
+def test_ros2_control_option_starts_a_controller_manager() -> None:
     started = launched('robot_interface', ros2_control='true', namespace='cell', tf_prefix='left_')
     (manager,) = nodes(started, 'ros2_control_node')
-    assert manager.name is None  # with one its parameters would not reach its controllers
+    assert manager.name is None  # a name would hide its parameters from its controllers
     assert manager.values['joints'] == LEFT == the_client(started).values['joint_names']
     (publisher,) = nodes(started, 'robot_state_publisher')
     assert '>/cell/epson_driver/joint_commands<' in publisher.values['robot_description']
     assert {each.namespace for each in started if each.kind == 'Node'} == {'cell'}
-    (first,) = nodes(started, 'ros2')  # the spawner follows it
+    (first,) = nodes(started, 'ros2')  # before the spawner
     assert '/cell/joint_states' in first.arguments
 
 
-def test_moveit_is_told_everything_with_the_prefix() -> None:
+def test_moveit_parameters_have_the_prefix() -> None:
     started = launched(
         'moveit_planning_execution', namespace='cell', tf_prefix='left_', ros2_control='true'
     )
@@ -219,7 +219,7 @@ def test_moveit_is_told_everything_with_the_prefix() -> None:
     assert rviz.values.items() <= values.items()
 
 
-def test_each_of_several_robots_has_its_own() -> None:
+def test_each_of_several_robots_has_separate_nodes() -> None:
     given = {'robot_model': 'c4_a601s,c8_c901s', 'controller': 'rc700a'}
     lists = {'namespaces': 'left, cell/right', 'robot_ips': '192.168.0.1,192.168.0.2'}
     started = launched('several_robots', **given, **lists)
@@ -249,13 +249,13 @@ FLEET_FILE = """
 """
 
 
-def test_a_fleet_is_what_its_file_names(tmp_path: Path) -> None:
+def test_fleet_starts_the_robots_of_its_file(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(FLEET_FILE)
     started = launched('fleet', params_file=str(file), use_sim_controller='true')
     clients = nodes(started, 'client')
     assert [each.namespace for each in clients] == ['cell/robot_1', 'robot_2']
-    assert {each.on_exit for each in started} == {None}  # the others go on
+    assert {each.on_exit for each in started} == {None}  # the others continue
     assert len(clients[-1].values['joint_names']) == 4
     words = options(nodes(started, 'sim_controller')[-1])
     assert (words['--host'], words['--robot']) == ('192.168.0.2', 'gx4_c251s')
@@ -266,9 +266,7 @@ def test_a_fleet_is_what_its_file_names(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('node', ['/**', 'cell/epson_driver', '/*/epson_driver'])
-def test_what_a_params_file_says_holds_where_no_argument_is_given(
-    node: str, tmp_path: Path
-) -> None:
+def test_arguments_override_the_params_file(node: str, tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(
         f'{node}:\n  ros__parameters: {{robot_model: c8_c901s, motion_port: 12000, '
@@ -290,7 +288,7 @@ def test_what_a_params_file_says_holds_where_no_argument_is_given(
 
 @pytest.mark.parametrize('name', CLIENT_FILES)
 @pytest.mark.invariant(9)
-def test_inv9_a_client_or_a_controller_that_ends_ends_the_launch(name: str) -> None:
+def test_inv9_end_of_client_or_controller_ends_the_launch(name: str) -> None:
     started = launched(name, use_sim_controller='true')
     (controller,) = nodes(started, 'sim_controller')
     assert controller.on_exit.reason == 'the simulated controller ended'
@@ -303,7 +301,7 @@ def test_inv9_a_client_or_a_controller_that_ends_ends_the_launch(name: str) -> N
 
 
 @pytest.mark.invariant(9)
-def test_inv9_a_move_group_or_a_controller_manager_that_ends_ends_the_launch() -> None:
+def test_inv9_end_of_move_group_ends_the_launch() -> None:
     started = launched('moveit_planning_execution', ros2_control='true')
     for executable, name in (
         ('move_group', 'move_group'),
@@ -314,7 +312,7 @@ def test_inv9_a_move_group_or_a_controller_manager_that_ends_ends_the_launch() -
 
 
 @pytest.mark.parametrize('name', ['robot.rviz', 'moveit.rviz'])
-def test_rviz_displays_are_relative_and_of_this_robot(name: str) -> None:
+def test_rviz_topics_are_relative(name: str) -> None:
     text = (ROOT / 'config' / 'rviz' / name).read_text(encoding='utf-8')
     manager = yaml.safe_load(text)['Visualization Manager']
     assert f'"{manager["Global Options"]["Fixed Frame"]}"' in robot_description('c3_a601s')
@@ -327,7 +325,7 @@ def words(text: str) -> set[str]:
     return set(re.findall(r'`(\w+)`', text))
 
 
-def test_launch_files_that_the_docs_name_exist() -> None:
+def test_launch_files_in_the_docs_exist() -> None:
     pages = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')]
     text = ''.join(page.read_text('utf-8') for page in pages)
     named = set(re.findall(r'\w+\.launch\.py', text)) - {'NAME.launch.py'}  # a placeholder
@@ -335,7 +333,7 @@ def test_launch_files_that_the_docs_name_exist() -> None:
 
 
 @EACH_FILE
-def test_the_docs_have_the_arguments_of_every_launch_file(path: Path) -> None:
+def test_docs_list_the_arguments_of_every_launch_file(path: Path) -> None:
     text = (ROOT / 'docs' / 'robot.md').read_text(encoding='utf-8')
     item = rf'^\* `{re.escape(path.name)}` \(.*?\): (.*)$'
     (cells,) = re.findall(item, unwrapped(text), re.MULTILINE)

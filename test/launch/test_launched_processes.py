@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What several_robots.launch.py starts, started: two controllers and two drivers, real ones."""
+"""The processes of several_robots.launch.py: two simulated controllers and two drivers."""
 
 import os
 import random
@@ -31,12 +31,12 @@ ROBOTS = ('left', 'right')
 
 
 def free_addresses() -> list[str]:
-    """Return two loopback addresses that hardly anybody uses: the ports are the usual ones."""
+    """Return two unused loopback addresses, because the ports are the default ports."""
     return [f'127.{random.randrange(1, 255)}.{random.randrange(256)}.{host}' for host in (1, 2)]
 
 
 def arguments_of(process: Any, folder: Path) -> list[str]:
-    """Return the command line that launch would give a process of this package."""
+    """Return the command line of a process of this package."""
     if process.executable == 'sim_controller':
         return list(process.arguments)
     path = folder / f'{process.namespace}.yaml'
@@ -46,8 +46,8 @@ def arguments_of(process: Any, folder: Path) -> list[str]:
     return ['--ros-args', *remaps, '--params-file', str(path)]
 
 
-class Onlooker:
-    """A ROS user who sees both robots."""
+class Observer:
+    """A ROS node that observes both robots."""
 
     def __init__(self, domain: int) -> None:
         self._context = RosContext()
@@ -81,8 +81,8 @@ class Onlooker:
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Iterator[Onlooker]:
-    """Two robots as the launch file describes them, running."""
+def cell(tmp_path: Path) -> Iterator[Observer]:
+    """Two running robots according to the launch file."""
     started = launched(
         'several_robots',
         namespaces=','.join(ROBOTS),
@@ -103,7 +103,7 @@ def cell(tmp_path: Path) -> Iterator[Onlooker]:
     names = ['sim_controller', 'client']
     assert [process.name for process in running] == names * len(ROBOTS)
     with processes.ended_at_exit(*running):
-        onlooker = Onlooker(domain)
+        onlooker = Observer(domain)
         try:
             yield onlooker
         finally:
@@ -111,7 +111,7 @@ def cell(tmp_path: Path) -> Iterator[Onlooker]:
 
 
 @pytest.mark.slow
-def test_each_of_several_robots_moves_by_itself(cell: Onlooker) -> None:
+def test_two_launched_robots_move_independently(cell: Observer) -> None:
     cell.wait(lambda: len(cell.states) == len(ROBOTS), 'joint states of both')
     for robot in ROBOTS:
         names = [f'{robot}_joint_{number}' for number in range(1, 7)]

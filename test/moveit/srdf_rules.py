@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What must hold between the names in an SRDF and those in its URDF, in both directions."""
+"""Consistency rules between the names of an SRDF and its URDF."""
 
 from collections.abc import Iterator
 from xml.etree import ElementTree
@@ -14,7 +14,7 @@ REASONS = {'Adjacent', 'Always', 'Default', 'Never'}
 
 
 def faults(srdf: str, urdf: str) -> Iterator[str]:
-    """Yield every name on one side that the other one has not."""
+    """Yield every name that the other file lacks."""
     semantic, robot = ElementTree.fromstring(srdf), ElementTree.fromstring(urdf)
     if semantic.get('name') != robot.get('name'):
         yield f'the SRDF is of {semantic.get("name")}, the URDF of {robot.get("name")}'
@@ -49,11 +49,11 @@ def _group_faults(semantic: ElementTree.Element, robot: ElementTree.Element) -> 
             if joint not in moving:
                 yield f'pose {state.get("name")}: no joint {joint}'
         for joint in moving - set(names):
-            yield f'pose {state.get("name")} says nothing of joint {joint}'
+            yield f'pose {state.get("name")} lacks joint {joint}'
 
 
 def _joints_of_chain(group: ElementTree.Element, robot: ElementTree.Element) -> set[str]:
-    """Return the moving joints on the way from the tip of a group's chain to its base."""
+    """Return the moving joints between the tip and the base of a group's chain."""
     above = {end(each, 'child'): each for each in robot.findall('joint')}
     joints = set()
     for chain in group.findall('chain'):
@@ -84,7 +84,7 @@ def _pair_faults(semantic: ElementTree.Element, robot: ElementTree.Element) -> I
         if not pair <= bodies:
             yield f'{words}: nothing to collide with'
         if (each.get('reason') == 'Adjacent') != (pair in joined):
-            yield f'{words}: {each.get("reason")}, but the URDF says otherwise'
+            yield f'{words}: {each.get("reason")}, unlike the URDF'
     for pair in joined:
         if pair <= bodies and pair not in seen:
             yield f'{" and ".join(sorted(map(str, pair)))} are adjacent and checked'

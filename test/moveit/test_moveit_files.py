@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""MoveIt's configuration against the SRDF, the robot model, and a running client."""
+"""MoveIt's configuration, compared with the SRDF, the robot model and a running client."""
 
 import os
 import subprocess
@@ -37,7 +37,7 @@ MANAGER = CONTROLLERS['moveit_simple_controller_manager']
 
 @pytest.fixture(scope='module')
 def running_client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """A client in a namespace of its own, without a controller; its ROS domain."""
+    """The ROS domain of a client in a namespace, without a controller."""
     folder = tmp_path_factory.mktemp('client')
     domain = processes.free_ros_domain()
     process = processes.Process(
@@ -51,7 +51,7 @@ def running_client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 
 def action_names(domain: int, patience: float = 300.0) -> set[str]:
-    """Return the FollowJointTrajectory actions that somebody in a domain serves."""
+    """Return the FollowJointTrajectory actions of a domain."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     from rclpy.action import get_action_names_and_types
     from rclpy.context import Context
@@ -59,7 +59,7 @@ def action_names(domain: int, patience: float = 300.0) -> set[str]:
 
     context = Context()
     context.init(domain_id=domain)
-    node = Node('onlooker', context=context)
+    node = Node('observer', context=context)
     wanted = 'control_msgs/action/FollowJointTrajectory'
     try:
         end = time.monotonic() + patience
@@ -74,13 +74,13 @@ def action_names(domain: int, patience: float = 300.0) -> set[str]:
         context.shutdown()
 
 
-def test_moveit_calls_the_action_that_a_running_client_serves(running_client: int) -> None:
-    # move_group runs in the same namespace, and takes both names as relative ones
+def test_moveit_calls_the_action_of_the_client(running_client: int) -> None:
+    # move_group runs in the same namespace and resolves both names relative to it
     called = {f'/cell/{name}/{MANAGER[name]["action_ns"]}' for name in MANAGER['controller_names']}
     assert called == action_names(running_client)
 
 
-def test_the_controller_is_of_the_kind_and_has_the_joints_of_the_client() -> None:
+def test_moveit_controller_matches_the_client() -> None:
     plugin = 'moveit_simple_controller_manager/MoveItSimpleControllerManager'
     assert CONTROLLERS['moveit_controller_manager'] == plugin
     assert set(MANAGER) == {'controller_names', *MANAGER['controller_names']}
@@ -90,13 +90,13 @@ def test_the_controller_is_of_the_kind_and_has_the_joints_of_the_client() -> Non
     assert MANAGER[name]['joints'] == JOINTS == DEFAULTS['joint_names']
 
 
-def test_execution_fits_the_driver() -> None:
+def test_execution_settings_match_the_driver() -> None:
     execution = CONTROLLERS['trajectory_execution']
     assert execution['execution_duration_monitoring'] is False
     assert 0.0 < execution['allowed_start_tolerance'] <= DEFAULTS['start_tolerance']
 
 
-def test_kinematics_and_planners_are_for_the_group_of_the_srdf() -> None:
+def test_kinematics_and_planners_name_the_srdf_group() -> None:
     assert set(load('kinematics.yaml')) == {GROUP}
     assert load('kinematics.yaml')[GROUP]['kinematics_solver'].startswith('kdl_')
     ompl = load('ompl_planning.yaml')
@@ -112,7 +112,7 @@ def test_kinematics_and_planners_are_for_the_group_of_the_srdf() -> None:
         assert planner['type'] == f'geometric::{name}'
 
 
-def test_every_pipeline_has_its_file_in_the_form_of_jazzy() -> None:
+def test_pipeline_files_have_the_jazzy_format() -> None:
     pipelines = load('planning_pipelines.yaml')
     assert pipelines['default_planning_pipeline'] in pipelines['planning_pipelines']
     files = {f'{name}_planning.yaml' for name in pipelines['planning_pipelines']}
@@ -122,13 +122,13 @@ def test_every_pipeline_has_its_file_in_the_form_of_jazzy() -> None:
         for kind in ('request', 'response'):
             adapters = pipeline[f'{kind}_adapters']
             assert all(each.startswith(f'default_planning_{kind}_adapters/') for each in adapters)
-        assert isinstance(pipeline['planning_plugins'], list)  # planning_plugin was Humble's
+        assert isinstance(pipeline['planning_plugins'], list)  # planning_plugin in Humble
     timed = 'default_planning_response_adapters/AddTimeOptimalParameterization'
     assert load('ompl_planning.yaml')['response_adapters'][0] == timed
     assert timed not in load('pilz_industrial_motion_planner_planning.yaml')['response_adapters']
 
 
-def test_cartesian_limits_are_within_what_spel_allows() -> None:
+def test_cartesian_limits_are_within_spel_limits() -> None:
     limits = load('pilz_cartesian_limits.yaml')['cartesian_limits']
     assert 0.0 < limits['max_trans_vel'] <= 2.0  # SpeedS
     assert 0.0 < limits['max_trans_acc'] <= 15.0  # AccelS, of the longest arm
@@ -136,7 +136,7 @@ def test_cartesian_limits_are_within_what_spel_allows() -> None:
     assert 0.0 < limits['max_rot_vel'] <= 17.4  # SpeedR
 
 
-def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
+def test_move_group_and_rviz_get_their_parameters() -> None:
     values = move_group_parameters('c3_a601s', 'left_')
     assert values['robot_description_kinematics'] == load('kinematics.yaml')
     planning = values['robot_description_planning']
@@ -158,7 +158,7 @@ def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
     panel = rviz_parameters('c3_a601s', 'left_')
     assert panel.items() <= values.items()
     assert set(values) - set(panel) == {*CONTROLLERS, *load('planning_scene_monitor.yaml')}
-    read = {path.name for path in FOLDER.glob('*.yaml')} - {'servo.yaml'}  # of MoveIt Servo
+    read = {path.name for path in FOLDER.glob('*.yaml')} - {'servo.yaml'}  # for MoveIt Servo
     assert read == {
         'joint_limits.yaml',
         'kinematics.yaml',
@@ -172,7 +172,7 @@ def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
     }
 
 
-def test_a_scara_has_its_four_joints_and_a_solver_that_keeps_the_turn() -> None:
+def test_scara_has_four_joints_and_a_full_pose_solver() -> None:
     values = move_group_parameters('gx4_c251s')
     manager = values['moveit_simple_controller_manager']
     for name in manager['controller_names']:
@@ -183,10 +183,8 @@ def test_a_scara_has_its_four_joints_and_a_solver_that_keeps_the_turn() -> None:
 
 
 @pytest.mark.parametrize('model', one_in(2, ['gx8_c552s', 'c4_a901s']))
-def test_a_package_of_ones_own_has_what_moveit_configs_builder_looks_for(
-    model: str, tmp_path: Path
-) -> None:
-    """By the names that moveit_configs_utils of Jazzy has."""
+def test_generated_package_works_with_moveit_configs_builder(model: str, tmp_path: Path) -> None:
+    """File names follow moveit_configs_utils of Jazzy."""
     folder = tmp_path / f'{model}_moveit_config'
     command = [sys.executable, '-m', 'epson_driver.cli', 'robots', model, '--moveit', str(folder)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)

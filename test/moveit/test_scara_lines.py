@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What LIN and CIRC of a SCARA depend on: that KDL, as it is configured, keeps the tool's turn.
+"""KDL with the configured parameters keeps the tool's rotation, as LIN and CIRC require.
 
-MoveIt's KDL plugin steps by the pseudo-inverse of the Jacobian, of its upper half alone where it
-asks for positions only, until the error is below `epsilon`. Here the same is done with numpy.
+MoveIt's KDL plugin iterates with the pseudo-inverse of the Jacobian (position_only_ik: of its upper
+half) until the error is below `epsilon`. This file does the same with numpy.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ def configured_rows() -> int:
 
 
 def twist(begin: Array, end: Array) -> Array:
-    """Return how far one pose is from the other, m, and the turn between them, rad, in base."""
+    """Return the translation, m, and rotation, rad, between two poses, in base."""
     turn = end[:3, :3] @ begin[:3, :3].T
     sine = 0.5 * np.array(
         [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
@@ -67,13 +67,13 @@ def solved(arm: Kinematics, pose: Array, seed: Array, rows: int) -> Array | None
 
 
 def ready(arm: Kinematics) -> tuple[Array, Array]:
-    """Return the pose of the SRDF that is not singular: of tool0, and the joints."""
+    """Return tool0 and joints of the SRDF's non-singular pose."""
     shown = np.array([45.0, 90.0, -50.0, 0.0]) / arm.model.shown_per_unit
     return arm.forward(shown), shown
 
 
 @pytest.mark.parametrize('name', one_in(12, SCARAS))
-def test_a_line_is_followed_and_the_turn_of_the_tool_kept(name: str) -> None:
+def test_line_is_followed_with_constant_tool_rotation(name: str) -> None:
     arm = Kinematics(load_robot_model(name))
     begin, joints = ready(arm)
     reach = float(arm.model.reach[0])
@@ -90,8 +90,8 @@ def test_a_line_is_followed_and_the_turn_of_the_tool_kept(name: str) -> None:
     assert np.all(joints <= arm.model.limits.position_max)
 
 
-def test_asked_for_the_place_alone_joint_4_would_stay_as_it_is() -> None:
-    """Why position_only_ik is false."""
+def test_position_only_ik_would_not_move_joint_4() -> None:
+    """This is the reason for position_only_ik: false."""
     arm = Kinematics(load_robot_model('gx8_c652s'))
     pose, seed = ready(arm)
     pose[:3, 3] += (-0.1, 0.1, 0.0)
@@ -101,7 +101,7 @@ def test_asked_for_the_place_alone_joint_4_would_stay_as_it_is() -> None:
     assert np.abs(twist(arm.forward(found), pose)[3:]).max() > 0.05
 
 
-def test_a_pose_that_leans_has_no_solution() -> None:
+def test_tilted_pose_has_no_solution() -> None:
     arm = Kinematics(load_robot_model('gx8_c652s'))
     pose, seed = ready(arm)
     pose[:3, :3] = rotation_about(np.array([1.0, 0.0, 0.0]), 1e-3) @ pose[:3, :3]

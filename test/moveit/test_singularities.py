@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""MoveIt Servo's thresholds of singularities, of every model, and the pose to begin at."""
+"""MoveIt Servo's singularity thresholds and start pose, for every model."""
 
 from xml.etree import ElementTree
 
@@ -17,7 +17,7 @@ each = pytest.mark.parametrize('name', one_in(5, robot_models()))
 
 
 @each
-def test_the_pose_to_begin_at_is_far_from_any_singularity(name: str) -> None:
+def test_start_pose_is_far_from_singularities(name: str) -> None:
     model = load_robot_model(name)
     root = ElementTree.fromstring(srdf(name))
     (ready,) = (each for each in root.findall('group_state') if each.get('name') == 'ready')
@@ -28,7 +28,7 @@ def test_the_pose_to_begin_at_is_far_from_any_singularity(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', ['c3_a601s', 'c8_c1401sr', 'gx8_c552s', 'rs6_c552s'])
-def test_the_condition_is_that_of_the_jacobian_by_differences(name: str) -> None:
+def test_condition_equals_the_numerical_condition(name: str) -> None:
     model = load_robot_model(name)
     arm, limits, step = Kinematics(model), model.limits, 1e-6
     for joints in np.random.default_rng(1).uniform(
@@ -44,13 +44,13 @@ def test_the_condition_is_that_of_the_jacobian_by_differences(name: str) -> None
         assert conditions(model, joints[None])[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_straight_wrist_is_singular() -> None:
+def test_straight_wrist_is_singular() -> None:
     model = load_robot_model('c3_a601s')
     _, stop = singularity_thresholds(model)
     assert conditions(model, np.zeros((1, 6)))[0] > stop
 
 
-def test_servo_gets_the_thresholds_of_its_model() -> None:
+def test_servo_parameters_have_the_thresholds_of_the_model() -> None:
     lower, stop = singularity_thresholds(load_robot_model('c8_c901s'))
     servo = servo_parameters('c8_c901s')['moveit_servo']
     assert servo['lower_singularity_threshold'] == lower

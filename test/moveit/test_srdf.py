@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The SRDF of every model: the URDF's names, poses that can be taken, pairs that never touch."""
+"""The SRDF of every model: names, valid poses, and pairs that never collide."""
 
 from xml.etree import ElementTree
 
@@ -19,7 +19,7 @@ from support.self_collision import CollisionBodies, random_configurations
 
 MODELS = robot_models()
 ROS_1_PAIRS = {(1, 3), (2, 5), (2, 6), (3, 5), (3, 6)}
-"""Links that never touch, as the ROS 1 package epson_c3_support has them."""
+"""Pairs that never collide according to the ROS 1 package epson_c3_support."""
 
 SAMPLES = 2_500
 
@@ -41,7 +41,7 @@ def test_srdf_and_urdf_have_the_same_names(model: str) -> None:
 
 
 @pytest.mark.parametrize('model', one_in(5, MODELS))
-def test_named_poses_are_within_the_limits_and_touch_nothing(model: str) -> None:
+def test_named_poses_are_within_limits_and_collision_free(model: str) -> None:
     robot = load_robot_model(model)
     bodies = CollisionBodies(robot)
     found = poses(model)
@@ -54,7 +54,7 @@ def test_named_poses_are_within_the_limits_and_touch_nothing(model: str) -> None
 
 
 @pytest.mark.parametrize('model', one_in(50, MODELS))
-def test_no_pair_that_is_said_never_to_collide_does(model: str) -> None:
+def test_disabled_pairs_never_collide(model: str) -> None:
     pairs = ElementTree.fromstring(srdf(model)).findall('disable_collisions')
     free = {(pair.get('link1'), pair.get('link2')) for pair in pairs}
     robot = load_robot_model(model)
@@ -66,13 +66,13 @@ def test_no_pair_that_is_said_never_to_collide_does(model: str) -> None:
     assert checked & free == set()
 
 
-def test_the_c3s_pairs_hold_those_that_ros_1_had() -> None:
+def test_c3_disables_the_pairs_of_ros_1() -> None:
     root = ElementTree.fromstring(srdf('c3_a601s'))
     found = {(pair.get('link1'), pair.get('link2')) for pair in root.iter('disable_collisions')}
     assert {(f'link_{first}', f'link_{second}') for first, second in ROS_1_PAIRS} <= found
 
 
-def test_the_sampling_finds_a_pair_that_is_wrongly_said_to_be_never_touching() -> None:
+def test_sampling_detects_a_colliding_pair() -> None:
     model = load_robot_model('c3_a601s')
     bodies = CollisionBodies(model)
     pair = bodies.pairs.index(('base_link_inertia', 'link_4'))
@@ -81,7 +81,7 @@ def test_the_sampling_finds_a_pair_that_is_wrongly_said_to_be_never_touching() -
     )
 
 
-def test_samples_are_within_the_limits_and_the_same_for_the_same_seed() -> None:
+def test_samples_are_reproducible_and_within_limits() -> None:
     limits = load_robot_model('c3_a601s').limits
     samples = np.array(list(random_configurations(limits, 500, 3)))
     again = np.array(list(random_configurations(limits, 500, 3)))
@@ -93,7 +93,7 @@ def test_samples_are_within_the_limits_and_the_same_for_the_same_seed() -> None:
     assert 0.4 < at_ends[1::2].mean() < 0.6
 
 
-def test_another_reader_of_srdf_takes_it_as_meant() -> None:
+def test_pinocchio_reads_the_srdf() -> None:
     text, semantic = urdf('c3_a601s'), srdf('c3_a601s')
     robot = pinocchio.buildModelFromXML(text)
     pinocchio.loadReferenceConfigurationsFromXML(robot, semantic, False)
@@ -113,7 +113,7 @@ def test_another_reader_of_srdf_takes_it_as_meant() -> None:
     assert left == set(CollisionBodies(load_robot_model('c3_a601s')).pairs) - disabled
 
 
-def test_a_prefix_reaches_every_joint_and_link_and_nothing_else() -> None:
+def test_prefix_is_added_to_joints_and_links_only() -> None:
     text = srdf('c3_a601s', prefix='left_')
     assert list(faults(text, urdf('c3_a601s', prefix='left_'))) == []
     root = ElementTree.fromstring(text)
@@ -134,15 +134,15 @@ def test_a_prefix_reaches_every_joint_and_link_and_nothing_else() -> None:
             'base_link_inertia and tool0: nothing to collide with',
         ),
         ('link2="link_1"', 'link2="base_link_inertia"', 'base_link_inertia: twice, or one link'),
-        ('reason="Never"', 'reason="Adjacent"', 'Adjacent, but the URDF says otherwise'),
+        ('reason="Never"', 'reason="Adjacent"', 'Adjacent, unlike the URDF'),
         ('reason="Never"', 'reason="Perhaps"', 'unknown reason Perhaps'),
         ('<joint name="joint_4"', '<joint name="joint_9"', 'pose zero: no joint joint_9'),
-        ('<joint name="joint_4"', '<jint name="joint_4"', 'says nothing of joint joint_4'),
+        ('<joint name="joint_4"', '<jint name="joint_4"', 'lacks joint joint_4'),
         ('group="manipulator"', 'group="arm"', 'pose zero: no group arm'),
         ('<robot name="c3_a601s"', '<robot name="c4"', 'the SRDF is of c4'),
     ],
 )
-def test_a_name_that_is_only_in_the_srdf_is_found(old: str, new: str, text: str) -> None:
+def test_rules_find_a_name_missing_in_the_urdf(old: str, new: str, text: str) -> None:
     broken = srdf('c3_a601s')
     assert old in broken
     broken = broken.replace(old, new, 1)
@@ -154,13 +154,13 @@ def test_a_name_that_is_only_in_the_srdf_is_found(old: str, new: str, text: str)
     [
         ('"link_3"', '"elbow"', 'disable_collisions: no link link_3'),
         ('"joint_3"', '"elbow"', 'pose zero: no joint joint_3'),
-        ('"joint_3"', '"elbow"', 'pose zero says nothing of joint elbow'),
+        ('"joint_3"', '"elbow"', 'pose zero lacks joint elbow'),
         ('"tool0"', '"tip"', 'chain: no link tool0'),
         ('"link_6"', '"link_7"', 'link_5 and link_7 are adjacent and checked'),
         ('name="c3_a601s"', 'name="c4_a601s"', 'the URDF of c4_a601s'),
     ],
 )
-def test_a_name_that_is_only_in_the_urdf_is_found(old: str, new: str, text: str) -> None:
+def test_rules_find_a_name_missing_in_the_srdf(old: str, new: str, text: str) -> None:
     broken = urdf('c3_a601s')
     assert old in broken
     assert text in ' / '.join(faults(srdf('c3_a601s'), broken.replace(old, new)))

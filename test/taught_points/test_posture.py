@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Hand, elbow, wrist and turns: what public .pts files show, and one of each for each solution.
+"""Hand, elbow, wrist and turn flags: values of public .pts files, and uniqueness.
 
 297 reachable points of real six-axis arms in public projects have exactly one solution of a C4
-with their flags, 296 of them with joint 4 within 45 degrees of 0, as a person jogs there.
+with their flags, 296 of them with joint 4 within 45 degrees of 0, a usual pose for jogging.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ def flags(model, degrees):
 
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'c4_a901s', 'c8_a701s', 'c12_c1401s', 'vt6_a901s'])
-def test_at_home_with_the_tool_down_the_arm_is_as_most_points_are(model):
+def test_home_pose_has_the_usual_flags(model):
     assert flags(model, DOWN) == '11100'
 
 
@@ -32,12 +32,12 @@ def test_at_home_with_the_tool_down_the_arm_is_as_most_points_are(model):
     ('degrees', 'expected'),
     [
         ([0, 0, 0, 0, 90, 0], '11200'),  # the tool is up: flipped
-        ([0, 0, 0, 180, 90, 0], '11200'),  # down again, with joint 4 half round
+        ([0, 0, 0, 180, 90, 0], '11200'),  # the tool is down, with joint 4 turned by 180°
         ([0, 0, 0, -181, -90, 0], '11110'),
         ([0, 0, 0, 0, -90, 181], '11101'),
         ([0, 0, 0, 0, -90, -359], '11101'),
         ([0, 0, 0, 0, -90, -180], '11100'),
-        ([0, -60, 150, 0, -40, 0], '12100'),  # the elbow hangs below
+        ([0, -60, 150, 0, -40, 0], '12100'),  # the elbow is below
     ],
 )
 def test_flags_change_at_singularities_and_half_turns(degrees, expected):
@@ -45,7 +45,7 @@ def test_flags_change_at_singularities_and_half_turns(degrees, expected):
 
 
 @pytest.mark.parametrize('model', ['c4_a601s', 'vt6_a901s', 'c8_a1401s'])
-def test_each_solution_of_a_pose_has_flags_of_its_own(model):
+def test_solutions_of_a_pose_have_different_flags(model):
     arm = Kinematics(load_robot_model(model))
     limits, rng = arm.model.limits, np.random.default_rng(31)
     for _ in range(60):
@@ -66,11 +66,11 @@ def test_each_solution_of_a_pose_has_flags_of_its_own(model):
         ('rs3_351s', [-100, 10, 0, 0], 'joint 1 is outside -90'),
     ],
 )
-def test_what_is_not_known_is_not_said(model, degrees, why):
+def test_undefined_posture_is_refused(model, degrees, why):
     with pytest.raises(ValueError, match=why):
         flags(model, degrees)
 
 
-def test_a_scara_has_a_hand():
+def test_scara_has_a_hand_flag():
     assert flags('gx4_a251s', [0, 30, 0, 0]) == '111'
     assert flags('gx4_a251s', [0, -30, 0, 0]) == '211'

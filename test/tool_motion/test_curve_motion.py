@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion along a curve: on it, from rest to rest, inside every limit at any instant."""
+"""Motion along a curve: path, rest at both ends, and limits at every instant."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ FAST = CurveSpeed(100.0, 1000.0, 10_000.0)
 
 
 def waved(seed, count=20):
-    """Return samples of a smooth curve that leads anywhere within the limits."""
+    """Return samples of a random smooth curve within the limits."""
     chance = np.random.default_rng(seed)
     shares = np.linspace(0.0, 1.0, count)[:, None]
     waves = sum(
@@ -34,7 +34,7 @@ def waved(seed, count=20):
     return np.asarray(waves)
 
 
-def test_a_curve_is_exact_for_what_is_a_cubic_and_goes_through_its_samples():
+def test_curve_is_exact_for_cubics_and_interpolates_samples():
     shares = np.linspace(0.0, 1.0, 8)[:, None]
     samples = np.hstack([shares**3 - 2.0 * shares, 1.0 - shares**2])
     curve = Curve(samples)
@@ -52,8 +52,8 @@ def test_a_curve_is_exact_for_what_is_a_cubic_and_goes_through_its_samples():
 @pytest.mark.invariant(2)
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.0, 1.0))
-def test_inv2_a_motion_and_a_stop_on_its_way_keep_the_limits_and_the_curve(seed, when):
-    """Invariant: whatever is asked for, no derivative exceeds its limit, and both end at rest."""
+def test_inv2_motion_and_stop_respect_limits_and_curve(seed, when):
+    """No derivative exceeds its limit for any request, and both end at rest."""
     samples = waved(seed)
     motion = go_along(LIMITS, Curve(samples), FAST)
     stopping = when * motion.duration
@@ -79,7 +79,7 @@ def test_inv2_a_motion_and_a_stop_on_its_way_keep_the_limits_and_the_curve(seed,
             assert np.abs(moved - velocities)[1:-1].max() < 0.05
 
 
-def test_it_is_no_faster_than_asked():
+def test_motion_does_not_exceed_the_requested_speed():
     samples = np.linspace([0.0, 0.0], [1.0, 0.5], MIN_SAMPLES)
     motion = go_along(LIMITS, Curve(samples), CurveSpeed(0.2, 2.0, 20.0))
     velocities = [motion.at(time)[1] for time in np.linspace(0.0, motion.duration, 100).tolist()]
@@ -89,19 +89,19 @@ def test_it_is_no_faster_than_asked():
 @pytest.mark.parametrize(
     'samples', [np.zeros((4, 2)), np.full((6, 2), np.nan), np.zeros(6)], ids=['few', 'nan', 'flat']
 )
-def test_samples_that_make_no_curve_are_refused(samples):
+def test_invalid_samples_are_refused(samples):
     with pytest.raises(ValueError, match='samples'):
         Curve(samples)
 
 
-def test_a_way_out_of_a_joint_s_range_is_refused_with_its_name():
+def test_path_out_of_a_joint_range_is_refused_by_name():
     samples = np.linspace([0.0, 0.0], [1.0, 2.5], 6)
     with pytest.raises(ValueError, match='b: the way leaves its range'):
         go_along(LIMITS, Curve(samples), FAST)
 
 
 @pytest.mark.parametrize('length', [1e-6, 1e-3, 0.05, 0.3, 2.0])
-def test_one_part_is_the_fastest_move_from_rest_to_rest(length):
+def test_single_part_is_time_optimal(length):
     motion = fastest([PartLimits(length, 0.5, 2.0, 20.0)])
     one = np.ones(1)
     limits = JointLimits(('way',), -one, 3 * one, 0.5 * one, 2.0 * one, 20.0 * one)
@@ -109,7 +109,7 @@ def test_one_part_is_the_fastest_move_from_rest_to_rest(length):
 
 
 @pytest.mark.invariant(2)
-def test_random_parts_keep_their_limits_and_join_without_a_jump():
+def test_random_parts_respect_limits_and_join_smoothly():
     random = np.random.default_rng(18)
     for _ in range(200):
         parts = [
@@ -125,7 +125,7 @@ def test_random_parts_keep_their_limits_and_join_without_a_jump():
         part = np.clip(np.searchsorted(seams, way - 1e-12) - 1, 0, len(parts) - 1)
         slack = 1.0 + 1e-9
         most = np.array([[p.speed, p.acceleration, p.jerk] for p in parts])
-        # a moment at a seam belongs to either side
+        # an instant at a seam belongs to both sides
         most = np.maximum(most[part], most[np.clip(part + 1, 0, len(parts) - 1)])
         inside = np.min(np.abs(way[:, None] - seams), axis=1) > 1e-9
         exact = np.array([[p.speed, p.acceleration, p.jerk] for p in parts])[part]
@@ -140,7 +140,7 @@ def test_random_parts_keep_their_limits_and_join_without_a_jump():
         assert np.abs(ends - begins).max() < 1e-6
 
 
-def test_a_slow_part_does_not_slow_down_the_others():
+def test_slow_part_does_not_slow_down_the_others():
     fast, slow = PartLimits(0.5, 0.5, 2.0, 20.0), PartLimits(0.02, 0.05, 2.0, 20.0)
     motion = fastest([fast, slow, fast])
     way, speed, _, _ = motion.at(np.linspace(0.0, motion.duration, 5000))

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random lines, arcs and blends against Pinocchio and geometry of our own, by the URDF alone.
+"""Random lines, arcs and blends compared with Pinocchio and independent geometry from the URDF.
 
-What Pinocchio can follow step by step is planned, on the path and in the same configuration; what
-it cannot is refused.
+A path that Pinocchio can follow step by step must be planned on the path and in the same
+configuration. Other paths must be refused.
 """
 
 from functools import partial
@@ -35,18 +35,21 @@ MODELS = (
 ACCURACY_M = 1e-4
 NOT_FARTHER_M = 2.8e-4
 STEP_RAD = 0.02
-"""Joints go so far at most from one look to the next."""
+"""Maximum joint step of the oracle, rad."""
 SMALLEST_STEP = 1e-7
-"""Where so small a share of the line asks for more, the joints would have to jump."""
+"""Smallest step as a fraction of the line. Larger joint steps within it are jumps."""
 NOT_TURNED_RAD = 2e-3
-"""The tool turns about one axis, but for so much."""
+"""Maximum rotation about other axes, rad."""
 BLEND_M = 0.008
 NEARLY = 1e-3
-"""So near to the end of a range, rad or m, either answer is right."""
+"""Distance to the end of a range, rad or m, below which both answers are accepted."""
 
 
 class Followed(NamedTuple):
-    """How far a line can be followed, and the joints there; `edge`: it is a matter of rounding."""
+    """The fraction of a line that can be followed, and the joints there.
+
+    `edge`: rounding decides whether the line can be followed.
+    """
 
     share: float
     joints: np.ndarray
@@ -67,7 +70,7 @@ class Oracle:
         return self.data.oMf[self.tool].copy()
 
     def near(self, wanted, joints):
-        """Return joints near to others that lead to a pose, or None."""
+        """Return the joints of a pose nearest to `joints`, or None."""
         for _ in range(12):
             error = pinocchio.log6(self.pose(joints).actInv(wanted)).vector
             if np.linalg.norm(error) < 1e-10:
@@ -77,7 +80,10 @@ class Oracle:
         return None
 
     def follow(self, start, end, place):
-        """Follow a path from joints to a pose, shape (4, 4). place: of a share, shape (3,)."""
+        """Follow a path from joints to a pose, shape (4, 4).
+
+        `place` maps the fraction of the path to a position, shape (3,).
+        """
         first, last = self.pose(start), pinocchio.SE3(end)
         turn = pinocchio.log3(first.rotation.T @ last.rotation)
         share, step, joints = 0.0, 0.01, start
@@ -103,7 +109,7 @@ class Oracle:
 
 
 def asked(arm, random):
-    """Return joints, and a pose that is up to 0.3 m and half a radian away."""
+    """Return random joints and a pose up to 0.3 m and half a radian away."""
     limits = arm.model.limits
     low, high = np.maximum(limits.position_min, -2.8), np.minimum(limits.position_max, 2.8)
     start = random.uniform(0.95 * low + 0.05 * high, 0.05 * low + 0.95 * high)
@@ -115,7 +121,7 @@ def asked(arm, random):
 
 
 def between(trajectory, start, count):
-    """Return joints all along a trajectory, cubic between its points, `count` in each."""
+    """Return joints along a trajectory, `count` for each cubic between points."""
     times = np.array([0.0, *trajectory.times])
     positions = np.vstack([start, trajectory.positions])
     velocities = np.vstack([0.0 * start, trajectory.velocities])
@@ -134,12 +140,12 @@ def between(trajectory, start, count):
 
 
 def straight(first, last):
-    """Return places on a line by their share."""
+    """Return the positions on a line as a function of the fraction."""
     return lambda share: first + share * (last - first)
 
 
 class Circle:
-    """The circle through three places, from the first over the second to the third."""
+    """The circular arc through three positions."""
 
     def __init__(self, first, via, last):
         self.normal = np.cross(via - first, last - first)
@@ -153,7 +159,7 @@ class Circle:
         assert self.angle(via) < self.sweep
 
     def angle(self, place):
-        """Return how far round a place is, rad from 0 to 2π."""
+        """Return the angle of a position, rad from 0 to 2π."""
         to = place - self.centre
         return np.arctan2(self.normal @ np.cross(self.arm, to), self.arm @ to) % (2 * np.pi)
 
@@ -161,7 +167,7 @@ class Circle:
         return self.centre + pinocchio.exp3(share * self.sweep * self.normal) @ self.arm
 
     def away(self, places):
-        """Return how far places are from the circle, shape (k,), all of them on its way."""
+        """Return the distances of positions from the arc, shape (k,). They must be within it."""
         to = places - self.centre
         height = to @ self.normal
         level = np.linalg.norm(to - height[:, None] * self.normal, axis=1)
@@ -172,16 +178,16 @@ class Circle:
 
 
 def from_line(places, first, last):
-    """Return how far places are from a line, shape (k,)."""
-    way = last - first
-    along = np.clip((places - first) @ way / max(way @ way, 1e-18), 0.0, 1.0)
-    return np.linalg.norm(places - first - along[:, None] * way, axis=1)
+    """Return the distances of positions from a line, shape (k,)."""
+    path = last - first
+    along = np.clip((places - first) @ path / max(path @ path, 1e-18), 0.0, 1.0)
+    return np.linalg.norm(places - first - along[:, None] * path, axis=1)
 
 
 def check(oracle, start, end, trajectory, off):
-    """Assert that the way between points is on the path and ends there; return how far off.
+    """Assert that the trajectory is on the path and ends at the pose. Return its deviation.
 
-    off: how far places are from the path, shape (k,).
+    `off` returns the distances of positions from the path, shape (k,).
     """
     looks = between(trajectory, start, 8)
     places = np.array([oracle.pose(joints).translation for joints in looks])
@@ -195,7 +201,7 @@ def check(oracle, start, end, trajectory, off):
 
 
 def turns_evenly(oracle, start, end, trajectory):
-    """Assert that the tool turns about one axis, the shorter way."""
+    """Assert that the tool turns about one axis, in the shorter direction."""
     first = oracle.pose(start).rotation
     whole = pinocchio.log3(first.T @ end[:3, :3])
     for joints in between(trajectory, start, 3):
@@ -211,7 +217,7 @@ TOOL = ToolLimits(0.1, 1.0, 1.0, 10.0, ACCURACY_M, slow=True, jerk_ratio=10.0)
 @pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'count'), [('line', 50), ('arc', 25)])
 @pytest.mark.parametrize('model', MODELS)
-def test_paths_are_refused_where_there_is_no_way_and_only_there(model, kind, count):
+def test_only_infeasible_paths_are_refused(model, kind, count):
     arm = Kinematics(load_robot_model(model))
     oracle = Oracle(arm.model)
     random = np.random.default_rng(31)
@@ -249,7 +255,7 @@ def test_paths_are_refused_where_there_is_no_way_and_only_there(model, kind, cou
 
 @pytest.mark.slow
 @pytest.mark.parametrize('model', MODELS)
-def test_corners_are_cut_within_their_blend_and_nowhere_else(model):
+def test_corners_are_cut_only_within_their_blend(model):
     arm = Kinematics(load_robot_model(model))
     oracle = Oracle(arm.model)
     random = np.random.default_rng(32)

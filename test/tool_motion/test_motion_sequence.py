@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences of motions as one trajectory: rests, times, limits, and what is refused as a whole."""
+"""Sequences of motions as one trajectory: rests, times, limits, blends and refusals."""
 
 from dataclasses import replace
 from itertools import count, pairwise
@@ -29,7 +29,7 @@ def to_joints(target=ASIDE, **more):
 
 
 def to_pose(xyz=(0.0, 0.05, 0.0), via=None, begin=READY, **more):
-    """Return a line from where joints have the flange, or an arc through a place beside that."""
+    """Return a line, or with `via` an arc, from the flange pose of joints. `via` is relative."""
     pose = ARM.forward(begin)
     place = None if via is None else pose[:3, 3] + via
     pose[:3, 3] += xyz
@@ -41,7 +41,7 @@ def to_arc(**more):
     return to_pose(via=(0.03, 0.03, 0.0), **more)
 
 
-def test_the_arm_rests_at_the_end_of_each_motion_and_goes_on_from_there():
+def test_arm_rests_at_the_end_of_each_motion():
     arc = to_pose((0.0, 0.0, 0.0), via=(0.03, -0.05, 0.0))
     line = to_pose((0.0, 0.06, 0.02))
     arc.target[:3, 3] -= [0.0, 0.1, 0.0]
@@ -61,7 +61,7 @@ def test_the_arm_rests_at_the_end_of_each_motion_and_goes_on_from_there():
     assert np.allclose(trajectory.positions[-1], ASIDE)
 
 
-def test_the_index_is_that_of_the_motion_under_way():
+def test_index_counts_the_finished_motions():
     planned = plan_sequence(ARM, READY, [to_joints(), to_joints(READY), to_joints()])
     first, second, _ = planned.ends / planned.ends[-1]
     expected = {0.0: 0, 0.9 * first: 0, 1.1 * first: 1, 1.01 * second: 2, 0.99: 2, 1.0: 2}
@@ -72,7 +72,7 @@ def test_the_index_is_that_of_the_motion_under_way():
     ('arguments', 'velocity'),
     [({}, None), ({'velocity': 0.2}, 0.2), ({'velocity': 0.2, 'acceleration': 1.0}, 0.2)],
 )
-def test_velocity_and_acceleration_of_joints_are_at_most_those_asked_for(arguments, velocity):
+def test_joint_velocity_and_acceleration_respect_the_request(arguments, velocity):
     trajectory = plan_sequence(ARM, READY, [to_joints(**arguments)]).trajectory
     fastest = np.abs(trajectory.velocities).max()
     assert fastest == pytest.approx(velocity) if velocity else fastest > 0.5
@@ -81,12 +81,12 @@ def test_velocity_and_acceleration_of_joints_are_at_most_those_asked_for(argumen
     assert (np.abs(steps) <= allowed * (1.0 + 1e-9)).all()
 
 
-def test_more_than_a_joint_can_is_as_much_as_it_can():
+def test_excessive_velocity_is_limited_to_the_joint_limit():
     fast = plan_sequence(ARM, READY, [to_joints(velocity=100.0, acceleration=1e4)])
     assert fast.ends == pytest.approx(plan_sequence(ARM, READY, [to_joints()]).ends)
 
 
-def test_a_line_is_as_fast_as_asked_for():
+def test_line_has_the_requested_velocity():
     line = to_pose((0.0, 0.1, 0.0), velocity=0.05, acceleration=0.5)
     trajectory = plan_sequence(ARM, READY, [line]).trajectory
     places = np.array([ARM.forward(row)[:3, 3] for row in trajectory.positions])
@@ -98,7 +98,7 @@ def test_a_line_is_as_fast_as_asked_for():
     ('make', 'seconds'),
     [(to_joints, 0.4), (to_joints, 3.0), (to_pose, 0.4), (to_pose, 3.0), (to_arc, 1.0)],
 )
-def test_a_move_time_is_kept_whatever_velocity_says(make, seconds):
+def test_move_time_overrides_velocity(make, seconds):
     planned = plan_sequence(ARM, READY, [make(move_time=seconds, velocity=1e-3)])
     assert planned.ends == pytest.approx([seconds])
     assert list(problems(planned.trajectory, LIMITS)) == []
@@ -109,7 +109,7 @@ REFUSED = {
         to_pose(blend_radius=0.01),
         r'blend_radius = 0.01 m: must be 0, as motions\[2\] is LINEAR_JOINT',
     ),
-    'a time of its own': (
+    'a move time': (
         to_joints(blend_radius=0.01, move_time=1.0),
         'move_time = 1 s: a motion that is blended does not begin and end at a time of its own',
     ),
@@ -121,7 +121,7 @@ REFUSED = {
         to_joints(READY, blend_radius=0.01),
         'the joints are there already',
     ),
-    'longer than the way': (
+    'longer than the path': (
         to_joints(READY + 0.1 * np.eye(6)[0], blend_radius=0.2),
         'a blend of 0.2 m is longer than the way of the tool, which is 0.0',
     ),
@@ -138,7 +138,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('name', REFUSED)
-def test_one_motion_that_cannot_be_refuses_the_whole_sequence_and_is_named(name):
+def test_infeasible_motion_refuses_the_whole_sequence(name):
     bad, words = REFUSED[name]
     with pytest.raises(SequenceError, match=r'^motions\[1\], ' + bad.kind.name) as caught:
         plan_sequence(ARM, READY, [to_joints(READY), bad, to_joints()])
@@ -146,7 +146,7 @@ def test_one_motion_that_cannot_be_refuses_the_whole_sequence_and_is_named(name)
         raise AssertionError(str(caught.value))
 
 
-def test_a_scara_goes_straight_too_and_does_not_lean():
+def test_scara_moves_straight_without_tilting():
     scara = Kinematics(load_robot_model('gx4_c251s'))
     start = np.zeros(4)
     target = np.array([0.2, 0.3, -0.05, 0.1])
@@ -169,7 +169,7 @@ KINDS = {
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('kind', KINDS)
-def test_inv9_every_sample_can_end_the_work(kind):
+def test_inv9_planning_can_be_cancelled_at_every_sample(kind):
     """docs/invariants.md, 9."""
     looks = []
     points = plan_sequence(ARM, READY, KINDS[kind](), look=lambda: looks.append(0)).trajectory
@@ -187,21 +187,21 @@ def test_inv9_every_sample_can_end_the_work(kind):
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('motions', [*KINDS.values(), lambda **more: [to_joints(**more)]])
-def test_inv7_a_motion_of_days_is_refused_before_it_is_sampled(motions):
+def test_inv7_motion_of_days_is_refused_before_sampling(motions):
     """docs/invariants.md, 7."""
     with pytest.raises(SequenceError, match=r'motions\[0\].* s: must be at most 5000 s'):
         plan_sequence(ARM, READY, motions(velocity=1e-5))
 
 
 @pytest.mark.invariant(7)
-def test_inv7_a_sequence_has_a_limited_number_of_points(monkeypatch):
+def test_inv7_sequence_has_a_limited_number_of_points(monkeypatch):
     """docs/invariants.md, 7."""
     monkeypatch.setattr(path_timing, 'MAX_POINTS', 10)
     with pytest.raises(SequenceError, match='points: must be at most 10'):
         plan_sequence(ARM, READY, [to_joints(), to_joints(READY), to_joints()])
 
 
-def test_a_single_motion_may_be_its_end_alone():
+def test_single_motion_can_have_only_its_end():
     trajectory = plan_sequence(ARM, READY, [to_joints()], sampled=False).trajectory
     assert trajectory.positions.shape == (1, 6)
     sampled = plan_sequence(ARM, READY, [to_joints()]).trajectory
@@ -213,7 +213,7 @@ RADII = [0.02, 0.01, 0.0]
 
 
 def path(**more):
-    """Return lines with blends between them, and the same as way points of the API."""
+    """Return blended lines, and the same path as waypoints of the API."""
     lines = [
         to_pose(step, blend_radius=radius, **more)
         for step, radius in zip(STEPS, RADII, strict=True)
@@ -222,7 +222,7 @@ def path(**more):
     return lines, points
 
 
-def test_blended_lines_are_the_path_that_way_points_with_these_blends_are():
+def test_blended_lines_equal_waypoints_with_blends():
     lines, points = path(velocity=0.2)
     planned = plan_sequence(ARM, READY, lines)
     runs = path_runs(points, ARM.forward(READY))
@@ -234,7 +234,7 @@ def test_blended_lines_are_the_path_that_way_points_with_these_blends_are():
     assert planned.trajectory.duration < 0.8 * resting.trajectory.duration
 
 
-def test_each_blended_line_has_its_own_velocity_and_ends_at_its_corner():
+def test_blended_line_has_its_velocity_and_ends_at_its_corner():
     lines, _ = path()
     speeds = [0.05, 0.1, 0.08]
     lines = [replace(each, velocity=speed) for each, speed in zip(lines, speeds, strict=True)]
@@ -263,9 +263,7 @@ BEHIND = CORNER + np.array([-0.1, 0.3, 0.2, 0.4, 0.0, -0.8])
     'radius', [0.02, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.002, 0.1))]
 )
 @pytest.mark.parametrize('arguments', [{}, {'velocity': 0.5, 'acceleration': 2.0}])
-def test_blended_joint_moves_cut_the_corner_within_the_radius_and_keep_every_limit(
-    radius, arguments
-):
+def test_blended_joint_moves_respect_radius_and_limits(radius, arguments):
     moves = [to_joints(CORNER, blend_radius=radius, **arguments), to_joints(BEHIND, **arguments)]
     planned = plan_sequence(ARM, READY, moves)
     trajectory = planned.trajectory
@@ -295,7 +293,7 @@ def test_blended_joint_moves_cut_the_corner_within_the_radius_and_keep_every_lim
             share = (at - begin) @ (end - begin) / ((end - begin) @ (end - begin))
             assert np.abs(at - begin - share * (end - begin)).max() < 0.1 * radius
     resting = plan_sequence(ARM, READY, [replace(moves[0], blend_radius=0.0), moves[1]])
-    if radius > 0.01:  # as tight as that a blend at full speed takes as long as a rest
+    if radius > 0.01:  # a tighter blend at full speed is not faster than a rest
         assert trajectory.duration < resting.trajectory.duration
     assert planned.index(0.0) == 0
     assert planned.index(1.0) == 1
@@ -303,7 +301,7 @@ def test_blended_joint_moves_cut_the_corner_within_the_radius_and_keep_every_lim
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('count', [2, pytest.param(100, marks=pytest.mark.slow)])
-def test_random_joint_blends_are_refused_with_the_reason_or_keep_every_limit(count):
+def test_random_joint_blends_respect_limits_or_are_refused(count):
     random = np.random.default_rng(18)
     driven, reasons = 0, []
     for _ in range(count):
@@ -333,12 +331,12 @@ def test_random_joint_blends_are_refused_with_the_reason_or_keep_every_limit(cou
     assert all('longer than the way' in each or 'overlap' in each for each in reasons)
 
 
-def test_nothing_follows_the_last_motion():
+def test_blend_of_the_last_motion_is_refused():
     with pytest.raises(SequenceError, match=r'^motions\[1\], .*blend_radius = 0.1 m: must be 0'):
         plan_sequence(ARM, READY, [to_joints(), to_joints(READY, blend_radius=0.1)])
 
 
-def test_two_blends_may_not_overlap():
+def test_overlapping_blends_are_refused():
     moves = [
         to_joints(CORNER, blend_radius=0.05),
         to_joints(CORNER + 0.1 * np.eye(6)[0], blend_radius=0.03),

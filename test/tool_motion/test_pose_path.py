@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines and arcs that go over into each other: smooth seams, cut corners, what is refused."""
+"""Paths of blended lines and arcs: smooth seams, corners and refusals."""
 
 import itertools
 
@@ -28,7 +28,7 @@ SEGMENTS = {
 
 
 @pytest.mark.parametrize('segments', SEGMENTS.values(), ids=SEGMENTS)
-def test_place_and_turn_have_two_continuous_derivatives_at_the_seams(segments):
+def test_seams_have_two_continuous_derivatives(segments):
     (run,) = runs(segments, [0.03])
     assert len(run.parts) == 3
     for before, after in zip(run.parts[:-1], run.parts[1:], strict=True):
@@ -40,7 +40,7 @@ def test_place_and_turn_have_two_continuous_derivatives_at_the_seams(segments):
 
 
 @pytest.mark.parametrize('segments', SEGMENTS.values(), ids=SEGMENTS)
-def test_the_derivatives_are_those_of_the_poses(segments):
+def test_derivatives_match_the_poses(segments):
     (run,) = runs(segments, [0.03])
     step = 1e-4
     for part in run.parts:
@@ -56,7 +56,7 @@ def test_the_derivatives_are_those_of_the_poses(segments):
 
 
 @pytest.mark.parametrize('radius', [0.001, 0.05, 0.19])
-def test_a_blend_cuts_the_corner_within_its_radius_and_no_faster_than_the_way(radius):
+def test_blend_is_within_its_radius_and_path_speed(radius):
     (run,) = runs(SEGMENTS['line, line'], [radius])
     corner = CORNER[:3, 3]
     blend = run.parts[1]
@@ -66,25 +66,25 @@ def test_a_blend_cuts_the_corner_within_its_radius_and_no_faster_than_the_way(ra
     assert 0.1 * radius < away.min() < radius
     for share in np.linspace(0.0, 1.0, 50):
         assert np.linalg.norm(blend.derivatives(share)[0, :3]) <= blend.length * (1 + 1e-9)
-    # the rest of the way is that of the segments
+    # the path outside the blend equals the segments
     assert run.seams[-1] == pytest.approx(0.2 + SEGMENTS['line, line'][1].length)
 
 
-def test_without_a_blend_the_tool_rests_at_the_corner():
+def test_corner_without_a_blend_is_a_rest():
     first, second = runs(SEGMENTS['line, line'], [0.0])
     assert (first.last, second.last) == (0, 1)
     np.testing.assert_allclose(first.pose(first.seams[-1]), CORNER, atol=1e-12)
     np.testing.assert_allclose(second.pose(0.0), CORNER, atol=1e-12)
 
 
-def test_blends_may_use_up_the_way_between_two_corners():
+def test_blends_can_use_the_whole_segment():
     square = [pose(0, 0, 0), pose(0.1, 0, 0), pose(0.1, 0.1, 0), pose(0, 0.1, 0)]
     segments = [line(a, b) for a, b in itertools.pairwise(square)]
     (run,) = runs(segments, [0.05, 0.05])
     assert [round(part.length, 9) for part in run.parts] == [0.05, 0.1, 0.1, 0.05]
 
 
-def test_a_blend_that_is_longer_than_the_way_is_refused_with_both_lengths():
+def test_blend_longer_than_the_segment_is_refused():
     with pytest.raises(BlendError, match=r'the way there is 0\.2 m: a blend of 0\.21 m is longer'):
         runs(SEGMENTS['line, line'], [0.21])
     back = [*SEGMENTS['line, line'], line(END, START)]
@@ -96,13 +96,13 @@ def test_a_blend_that_is_longer_than_the_way_is_refused_with_both_lengths():
         runs(spot, [0.01])
 
 
-def test_no_way_and_no_turn_is_refused():
+def test_segment_without_motion_is_refused():
     with pytest.raises(BlendError, match='there already') as caught:
         runs([line(START, CORNER), line(CORNER, CORNER)], [0.0])
     assert caught.value.index == 1
 
 
-def test_a_turn_on_the_spot_is_a_run_of_its_own():
+def test_pure_rotation_is_a_separate_run():
     turned = pose(0.2, 0.0, 0.0, turn=(0.0, 0.4, 0.5))
     found = runs([line(START, CORNER), line(CORNER, turned)], [0.0])
     assert found[1].seams[-1] == pytest.approx(found[1].parts[0].angle)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines and arcs of the tool: the path itself, joint limits all the way, and what is refused."""
+"""Lines and arcs of the tool: path, joint limits, speed and refusals."""
 
 import itertools
 from dataclasses import replace
@@ -32,7 +32,7 @@ def moved(pose, xyz=(0.0, 0.0, 0.0), uvw=(0.0, 0.0, 0.0)):
 
 
 def on_path(kinematics, start, path, tool):
-    """Return the joints' motion along one line or arc."""
+    """Return the joint trajectory along one line or arc."""
     return runs_trajectory(kinematics, start, runs([path], []), tool)
 
 
@@ -42,7 +42,7 @@ def turned_by(first, second):
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def test_a_line_runs_evenly_in_place_and_orientation():
+def test_line_is_uniform_in_position_and_orientation():
     start = ARM.forward(READY)
     end = moved(start, (0.05, -0.1, 0.02), (0.3, -0.2, 0.1))
     path = line(start, end)
@@ -56,7 +56,7 @@ def test_a_line_runs_evenly_in_place_and_orientation():
         assert turned_by(pose, end) == pytest.approx((1.0 - share) * path.angle, abs=1e-7)
 
 
-def test_an_arc_goes_through_its_points_at_one_distance_from_its_center():
+def test_arc_passes_its_points_with_constant_radius():
     start = np.eye(4)
     start[:3, 3] = [1.0, 0.0, 0.0]
     end = np.eye(4)
@@ -71,7 +71,7 @@ def test_an_arc_goes_through_its_points_at_one_distance_from_its_center():
 
 
 @pytest.mark.parametrize('via', [[0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-def test_points_in_one_line_make_no_arc(via):
+def test_collinear_points_are_refused_for_an_arc(via):
     end = moved(np.eye(4), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match='no arc leads from'):
         arc(np.eye(4), np.array(via), end)
@@ -79,7 +79,7 @@ def test_points_in_one_line_make_no_arc(via):
 
 @pytest.mark.parametrize('noise', [0.0, 1e-9, -1e-9])
 @pytest.mark.parametrize('axis', [[0.0, 0.0, 1.0], [0.6, 0.0, -0.8], [0.0, -1.0, 0.0]])
-def test_half_a_turn_goes_the_positive_way_whatever_the_rounding(axis, noise):
+def test_half_turn_is_positive_despite_rounding(axis, noise):
     axis = np.array(axis)
     end = np.eye(4)
     end[:3, :3] = rotation((np.pi + noise) * axis)
@@ -91,7 +91,7 @@ def test_half_a_turn_goes_the_positive_way_whatever_the_rounding(axis, noise):
 
 
 def random_path(random, start_joints):
-    """Return a random line or arc from where the joints are."""
+    """Return a random line or arc from the pose of the joints."""
     start = ARM.forward(start_joints)
     end = moved(start, random.uniform(-0.12, 0.12, 3), random.uniform(-0.5, 0.5, 3))
     if random.random() < 0.5:
@@ -101,7 +101,7 @@ def random_path(random, start_joints):
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('count', [12, pytest.param(200, marks=pytest.mark.slow)])
-def test_random_paths_are_refused_with_the_reason_or_keep_every_limit(count):
+def test_random_paths_respect_limits_or_are_refused(count):
     random = np.random.default_rng(18)
     outcomes, reasons = [], []
     for number in range(count):
@@ -134,7 +134,7 @@ def test_random_paths_are_refused_with_the_reason_or_keep_every_limit(count):
 
 @pytest.mark.invariant(2)
 @pytest.mark.slow
-def test_the_smooth_motion_through_the_points_stays_on_the_path():
+def test_smooth_motion_through_the_points_stays_on_the_path():
     random = np.random.default_rng(5)
     worst = []
     while len(worst) < 5:
@@ -149,10 +149,10 @@ def test_the_smooth_motion_through_the_points_stays_on_the_path():
     assert max(worst) < 2e-4
 
 
-def test_through_the_straight_wrist_a_joint_would_have_to_jump_or_be_too_fast():
+def test_path_through_a_singularity_is_refused():
     bent = np.array([0.0, 0.2, 0.2, 0.0, -0.15, 0.0])
     start = ARM.forward(bent)
-    away = moved(start, uvw=(0.02, 0.3, 0.0))  # past the wrist's singularity, not through it
+    away = moved(start, uvw=(0.02, 0.3, 0.0))  # near the wrist's singularity
     other = moved(start, uvw=(0.02, -0.3, 0.0))
     refused = []
     for end in (away, other):
@@ -168,8 +168,8 @@ def test_through_the_straight_wrist_a_joint_would_have_to_jump_or_be_too_fast():
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('beside', one_in(3, [0.05, 0.02, 0.1]))
-def test_beside_the_straight_wrist_a_continuous_way_is_followed_slowly(beside):
-    """Joint 4 turns by more than half a radian while the tool turns by a hundredth of one."""
+def test_path_near_a_singularity_is_slow(beside):
+    """Joint 4 turns by more than 0.5 rad while the tool turns by 0.01 rad."""
     bent = np.array([0.0, 0.2, 0.2, 0.0, -0.15, 0.0])
     start = ARM.forward(bent)
     path = line(start, moved(start, uvw=(beside, 0.3, 0.0)))
@@ -180,10 +180,10 @@ def test_beside_the_straight_wrist_a_continuous_way_is_followed_slowly(beside):
     for joints in trajectory.positions[::4]:
         turn = ARM.forward(joints)[:3, :3]
         angles = [np.trace(turn.T @ path.pose(each)[:3, :3]) for each in np.linspace(0, 1, 401)]
-        assert max(angles) > 3.0 - 1e-5  # it is somewhere on the path
+        assert max(angles) > 3.0 - 1e-5  # reached on the path
 
 
-def test_the_jerk_of_the_tool_is_a_multiple_of_its_acceleration():
+def test_tool_jerk_is_a_multiple_of_the_acceleration():
     start = ARM.forward(READY)
     path = line(start, moved(start, (0.0, 0.1, 0.0)))
     gentle, usual = (
@@ -194,13 +194,13 @@ def test_the_jerk_of_the_tool_is_a_multiple_of_its_acceleration():
     assert gentle > usual + 0.3
 
 
-def test_out_of_reach_says_where():
+def test_unreachable_path_error_has_the_position():
     start = ARM.forward(READY)
     with pytest.raises(PathError, match=r'out of reach \d+ % of the way, at \('):
         on_path(ARM, READY, line(start, moved(start, (1.0, 0, 0))), ToolLimits())
 
 
-def test_too_fast_is_refused_with_joint_and_limit_or_slowed_if_asked():
+def test_too_fast_path_is_refused_or_slowed():
     start = ARM.forward(READY)
     path = line(start, moved(start, (0.0, 0.15, 0.0)))
     fast = ToolLimits(speed=20.0, acceleration=500.0)
@@ -216,11 +216,11 @@ def test_too_fast_is_refused_with_joint_and_limit_or_slowed_if_asked():
 
 
 PAST_THE_STRAIGHT_WRIST = np.array([-0.404, 0.106, 0.278, -1.554, -0.378, 1.407])
-"""From there 0.24 m along y the wrist is nearly straight in the middle."""
+"""A start from which the wrist is nearly straight in the middle of 0.24 m along y."""
 
 
 @pytest.mark.invariant(2)
-def test_it_is_slow_only_where_a_joint_limit_asks_for_it(monkeypatch):
+def test_path_is_slow_only_where_a_joint_limit_requires_it(monkeypatch):
     joints = PAST_THE_STRAIGHT_WRIST
     start = ARM.forward(joints)
     path = line(start, moved(start, (0.0, 0.24, 0.0)))
@@ -237,13 +237,13 @@ def test_it_is_slow_only_where_a_joint_limit_asks_for_it(monkeypatch):
     shares = np.linspace(0.0, 1.0, 501)
     poses = [path.pose(share)[:3, 3] for share in shares]
     assert max(distance_from(each, np.array(poses)) for each in places) < 2e-3
-    monkeypatch.setattr(path_timing, 'LEVELS', ())  # as slow everywhere as at the slowest place
+    monkeypatch.setattr(path_timing, 'LEVELS', ())  # the slowest speed everywhere
     as_a_whole = on_path(ARM, joints, path, replace(tool, slow=True))
     assert trajectory.duration < 0.7 * as_a_whole.duration
     print(f'{trajectory.duration:.2f} s; as a whole {as_a_whole.duration:.2f} s')
 
 
-def test_the_accuracy_is_kept_between_the_points_that_are_sent():
+def test_accuracy_holds_between_the_points():
     start = ARM.forward(READY)
     path = line(start, moved(start, (0.0, 0.15, 0.0)))
     ends = np.array([path.pose(0.0)[:3, 3], path.pose(1.0)[:3, 3]])
@@ -259,7 +259,7 @@ def test_the_accuracy_is_kept_between_the_points_that_are_sent():
     assert counts[0] < counts[1]
 
 
-def test_no_way_and_no_turn_is_no_motion():
+def test_path_without_motion_is_refused():
     start = ARM.forward(READY)
     with pytest.raises(BlendError, match='there already'):
         on_path(ARM, READY, line(start, start), ToolLimits())
@@ -270,7 +270,7 @@ SCARA_READY = np.array([0.3, 1.2, -0.05, 0.0])
 
 
 def corners(arm, joints, *steps):
-    """Return lines from where the joints are, each by one of the steps, m, in base_link."""
+    """Return lines from the pose of the joints, one per step, m, in base_link."""
     poses = [arm.forward(joints)]
     for step in steps:
         poses.append(moved(poses[-1], step))
@@ -278,7 +278,7 @@ def corners(arm, joints, *steps):
 
 
 def along(arm, trajectory):
-    """Return the tool's places between the points too, shape (k, 3), and the time between two."""
+    """Return positions of the tool at and between the points, shape (k, 3), and their interval."""
     motion = smoothed(trajectory, arm.model.limits)
     places = np.array([arm.forward(each)[:3, 3] for each in motion.positions])
     return places, float(motion.times[1] - motion.times[0])
@@ -288,7 +288,7 @@ def along(arm, trajectory):
 @pytest.mark.parametrize(
     ('arm', 'joints'), [(ARM, READY), (SCARA, SCARA_READY)], ids=['C3', 'GX4']
 )
-def test_a_blended_path_keeps_the_tools_speed_and_acceleration_around_its_corners(arm, joints):
+def test_blended_path_respects_tool_limits_at_corners(arm, joints):
     segments = corners(arm, joints, (0.0, 0.05, 0.0), (-0.05, 0.0, 0.02), (0.0, -0.03, -0.01))
     tool = ToolLimits(speed=0.2, acceleration=1.0)
     blended = runs_trajectory(arm, joints, runs(segments, [0.02, 0.014]), tool)
@@ -302,16 +302,16 @@ def test_a_blended_path_keeps_the_tools_speed_and_acceleration_around_its_corner
     accelerations = np.diff(wide, axis=0) / (max(round(0.01 / period), 1) * period)
     assert np.linalg.norm(accelerations, axis=1).max() < tool.acceleration * 1.1
     inner = np.linalg.norm(np.diff(places, axis=0), axis=1)[20:-20]
-    assert inner.min() > 0.0  # nowhere at rest but at the ends
+    assert inner.min() > 0.0  # at rest only at the ends
     for corner, radius in ((segments[0].pose(1.0), 0.02), (segments[1].pose(1.0), 0.014)):
         nearest = np.linalg.norm(places - corner[:3, 3], axis=1).min()
         assert 0.1 * radius < nearest < radius
     stops = np.flatnonzero(np.all(resting.velocities == 0.0, axis=1))
-    assert len(stops) == 6  # begin and end, and of both rests
+    assert len(stops) == 6  # start and end, and of both rests
 
 
 @pytest.mark.invariant(2)
-def test_lines_of_a_scara_keep_its_limits_and_its_elbow_or_are_refused():
+def test_scara_lines_respect_limits_and_elbow_or_are_refused():
     limits = SCARA.model.limits
     random = np.random.default_rng(18)
     driven, reasons = 0, []
@@ -334,7 +334,7 @@ def test_lines_of_a_scara_keep_its_limits_and_its_elbow_or_are_refused():
     assert all('% of the way' in reason for reason in reasons)
 
 
-def test_a_tool_that_would_lean_on_a_scara_is_refused_with_that_reason():
+def test_tilted_tool_of_a_scara_is_refused():
     start = SCARA.forward(SCARA_READY)
     path = line(start, moved(start, (0.02, 0.0, 0.0), (0.0, 0.1, 0.0)))
     with pytest.raises(PathError, match=r'2 % of the way, .*: it leans by .* SCARA stays upright'):
@@ -343,7 +343,7 @@ def test_a_tool_that_would_lean_on_a_scara_is_refused_with_that_reason():
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('count', [8, pytest.param(200, marks=pytest.mark.slow)])
-def test_near_singular_and_unreachable_requests_are_refused_or_kept_inside_all_limits(count):
+def test_extreme_requests_respect_limits_or_are_refused(count):
     random = np.random.default_rng(180)
     reasons = []
     for number in range(count):
@@ -378,7 +378,7 @@ def test_near_singular_and_unreachable_requests_are_refused_or_kept_inside_all_l
     print(f'{len(reasons)} of {count} refused, {count - len(reasons)} inside all limits')
 
 
-def test_a_tool_that_is_far_out_moves_on_its_own_line():
+def test_long_tool_moves_on_a_straight_line():
     tool = np.eye(4)
     tool[:3, 3] = [0.0, 0.05, 0.15]
     arm = Kinematics(ARM.model, tool)

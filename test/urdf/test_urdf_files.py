@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The URDF of every model: sound, and what the model data say."""
+"""The URDF of every model: valid, and consistent with the model data."""
 
 import os
 import shutil
@@ -24,13 +24,13 @@ each_model = pytest.mark.parametrize('model', one_in(5, map(load_robot_model, NA
 
 
 @each_model
-def test_nothing_is_wrong_with_it(model):
+def test_urdf_has_no_problems(model):
     assert problems(urdf(model.file)) == []
 
 
 @each_model
 @pytest.mark.skipif(shutil.which('check_urdf') is None, reason='no check_urdf (liburdfdom-tools)')
-def test_check_urdf_accepts_it(model, tmp_path):
+def test_check_urdf_accepts_every_model(model, tmp_path):
     path = tmp_path / 'model.urdf'
     path.write_text(urdf(model.file), 'utf-8')
     run = subprocess.run(['check_urdf', path], capture_output=True, text=True, check=False)
@@ -39,7 +39,7 @@ def test_check_urdf_accepts_it(model, tmp_path):
 
 
 @each_model
-def test_limits_and_chain_are_the_numbers_of_the_data_file(model):
+def test_limits_and_chain_equal_the_model_data(model):
     robot = ElementTree.fromstring(urdf(model.file))
     joints = {joint.get('name'): joint for joint in robot.findall('joint')}
     for i, name in enumerate(model.joint_names):
@@ -55,14 +55,14 @@ def test_limits_and_chain_are_the_numbers_of_the_data_file(model):
 
 
 @each_model
-def test_masses_add_up_to_that_of_the_arm(model):
+def test_link_masses_sum_to_the_arm_mass(model):
     masses = ElementTree.fromstring(urdf(model.file)).iter('mass')
     total = sum(float(each.get('value')) for each in masses)
     assert total == pytest.approx(model.mass, rel=1e-3)
 
 
 @each_model
-def test_pinocchio_finds_tool0_where_the_data_put_it(model):
+def test_tool0_by_pinocchio_equals_the_model_data(model):
     pinocchio = pytest.importorskip('pinocchio')
     arm = pinocchio.buildModelFromXML(urdf(model.file))
     assert list(arm.names)[1:] == list(model.joint_names)
@@ -81,7 +81,7 @@ def test_pinocchio_finds_tool0_where_the_data_put_it(model):
             assert found == pytest.approx(frame, abs=1e-9), name
 
 
-def test_the_xacro_takes_a_prefix(tmp_path):
+def test_xacro_accepts_a_prefix(tmp_path):
     source = share_file('urdf', 'epson_robot.urdf.xacro')
     for file, folder in ((source, tmp_path), (source.name, source.parent)):  # absolute, relative
         run = subprocess.run(
@@ -100,7 +100,7 @@ def test_the_xacro_takes_a_prefix(tmp_path):
         assert {'left_base_link', 'left_base', 'left_flange', 'left_tool0'} < set(names)
 
 
-def test_two_arms_in_one_file(tmp_path):
+def test_two_arms_fit_in_one_file(tmp_path):
     macro = share_file('urdf', 'epson_macro.xacro')
     cell = tmp_path / 'cell.urdf.xacro'
     cell.write_text(
@@ -121,7 +121,7 @@ def test_two_arms_in_one_file(tmp_path):
     assert problems(run.stdout) == []
 
 
-def test_a_model_can_be_described_by_its_joints_alone():
+def test_model_can_be_described_without_links():
     model = load_robot_model('gx4_c251s')
     result = urdf(model.file, geometry='false')
     assert problems(result) == []
@@ -131,8 +131,8 @@ def test_a_model_can_be_described_by_its_joints_alone():
     assert types[1 : 1 + len(model.joint_types)] == list(model.joint_types)
 
 
-def test_a_file_of_ones_own_is_described_too(tmp_path, monkeypatch):
-    """Of any build: its third joint is beside the others, so that it is drawn as sticks."""
+def test_custom_model_file_has_a_urdf(tmp_path, monkeypatch):
+    """Its third joint is off the others' plane, so that it is drawn as sticks."""
     origins = '[0, 0, 196.5], [100, 0, 123.5], [0, 20, 250], [0, 0, 0], [250, 0, 0], [60, 0, 0]'
     text = f'name: mine\nlike: C3-A601S\norigins_mm: [{origins}]\n'
     (tmp_path / 'mine.yaml').write_text(text, 'utf-8')
@@ -160,8 +160,8 @@ BROKEN = {
         'radius="-0.',
         'base_link_inertia: a shape is no box and no cylinder',
     ),
-    'orphan': ('<child link="link_4"/>', '<child link="link_3"/>', 'link_4: hangs on nothing'),
-    'two parents': ('<child link="base"/>', '<child link="tool0"/>', 'tool0: hangs on 2 joints'),
+    'orphan': ('<child link="link_4"/>', '<child link="link_3"/>', 'link_4: has no parent joint'),
+    'two parents': ('<child link="base"/>', '<child link="tool0"/>', 'tool0: has 2 parent joints'),
     'unknown link': ('<parent link="link_5"/>', '<parent link="hand"/>', "no link 'hand'"),
     'root with a body': (
         '<link name="base_link"/>',
@@ -190,7 +190,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(('old', 'new', 'expected'), BROKEN.values(), ids=BROKEN)
-def test_the_checker_finds_what_is_wrong(old, new, expected):
+def test_checker_finds_the_mistake(old, new, expected):
     good = urdf('c3_a601s')
     assert old in good
     found = problems(good.replace(old, new, 1))
@@ -205,7 +205,7 @@ def test_the_checker_finds_what_is_wrong(old, new, expected):
         ((1.0, 1.0, 2.0), None),
     ],
 )
-def test_the_checker_knows_which_inertias_there_are(moments, expected):
+def test_checker_finds_impossible_inertias(moments, expected):
     robot = ElementTree.fromstring(urdf('c3_a601s'))
     inertia = robot.find('link/inertial/inertia')
     for key in ('ixy', 'ixz', 'iyz'):

@@ -42,7 +42,7 @@ def _tree(robot: ElementTree.Element) -> Iterator[str]:
         ends = [_attribute(joint.find(end), 'link') for end in ('parent', 'child')]
         for end in ends:
             if end not in links:
-                yield f'{joint.get("name")}: there is no link {end!r}'
+                yield f'{joint.get("name")}: no link {end!r}'
         children.setdefault(ends[0], []).append(ends[1])
         parents[ends[1]] += 1
     roots = [name for name in links if not parents[name]]
@@ -60,9 +60,9 @@ def _tree(robot: ElementTree.Element) -> Iterator[str]:
             waiting += children.get(above, [])
     for name in links:
         if name not in reached:
-            yield f'{name}: hangs on nothing'
+            yield f'{name}: has no parent joint'
         if parents[name] > 1:
-            yield f'{name}: hangs on {parents[name]} joints'
+            yield f'{name}: has {parents[name]} parent joints'
 
 
 def _joint(joint: ElementTree.Element) -> Iterator[str]:
