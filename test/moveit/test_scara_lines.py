@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """KDL with the configured parameters keeps the tool's rotation, as LIN and CIRC require.
 
-MoveIt's KDL plugin iterates with the pseudo-inverse of the Jacobian (position_only_ik: of its upper
-half) until the error is below `epsilon`. This file does the same with numpy.
+MoveIt's KDL plugin iterates with the pseudo-inverse of the Jacobian, with position_only_ik of its
+upper half, until the error is below `epsilon`. This file does the same with numpy.
 """
 
 import numpy as np
