@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from benchmark.baselines import joint_spline, stop_and_go
-from benchmark.cases import Case
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.metrics import Metrics, measure, stops
-from benchmark.motion import REQUIRED, judged
 from benchmark.motion_record import Record
-from benchmark.references import References, ReferenceTimes, digest
-from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES
+from benchmark.references import References, digest
+from benchmark.strategies import SAMPLE_STEP_S
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, go
@@ -180,62 +178,3 @@ def test_quintics_after_smooth_goals_respect_the_limits() -> None:
     before, after = (joint_spline(name, line, times, LIMITS) for name in ('quintic', AFTER))
     assert min(before.velocity, before.acceleration, before.jerk) > 1.2
     assert max(after.velocity, after.acceleration, after.jerk) <= 1.001
-
-
-GOOD = Metrics(
-    duration=1.005,
-    velocity=1.0,
-    acceleration=1.0,
-    jerk=1.0,
-    mismatch=0.0,
-    stops=0,
-    waypoint=1e-9,
-    early=0.01,
-    overrun=0.0,
-    end=0.0,
-    outside=0.0,
-    step_p99=2e-5,
-)
-
-
-def case(**changes: float) -> Case:
-    """Return a case of 2 s commanded and an optimum of 1 s, with changes of its fastest run."""
-    times = ReferenceTimes(8.0, 48, 0.7, 'ipopt', 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    strategies = {
-        name: replace(GOOD, duration=2.01) for name, one in STRATEGIES.items() if one.timed
-    }
-    strategies |= {'time-optimal, all known': replace(GOOD, **changes)}
-    return Case('one', 'full', 50, 2.0, 0.0, times, strategies=strategies)
-
-
-def test_good_case_meets_every_requirement() -> None:
-    assert [line for line, met in judged([case()]) if not met] == []
-
-
-@pytest.mark.parametrize(
-    ('quantity', 'value', 'missed'),
-    [
-        ('duration', 1.11, 2),
-        ('duration', 2.01, 3),
-        ('velocity', 1.0001, 1),
-        ('acceleration', 1.0001, 1),
-        ('jerk', 1.021, 1),
-        ('stops', 1, 1),
-        ('waypoint', 1.1e-5, 1),
-        ('overrun', 1e-6, 1),
-        ('end', 1e-6, 1),
-        ('outside', 1e-6, 1),
-        ('mismatch', 0.01, 1),
-        ('step_p99', 5e-4, 1),
-    ],
-)
-def test_exceeded_quantity_misses_its_requirement(
-    quantity: str, value: float, missed: int
-) -> None:
-    lines = [line for line, met in judged([case(**{quantity: value})]) if not met]
-    assert len(lines) == missed
-    assert all(line.endswith('one, full  MISSED') for line in lines)
-
-
-def test_missing_measurement_misses_every_requirement() -> None:
-    assert [met for _, met in judged([])] == [False] * len(REQUIRED)

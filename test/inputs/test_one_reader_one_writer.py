@@ -6,8 +6,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 PACKAGE = Path(__file__).parents[2] / 'epson_driver'
 
 CALLS = {
@@ -100,24 +98,3 @@ def test_only_listed_calls_open_files() -> None:
     }
     said = 'use read_file, open_file or write_file of inputs, or add a reason to ALLOWED'
     assert found == ALLOWED.keys(), said
-
-
-@pytest.mark.parametrize(
-    ('source', 'found'),
-    [
-        ('open(path)', 'open'),
-        ('with path.open("rb") as file: pass', 'open'),
-        ('os.open(path, 0)', 'os.open'),
-        ('Path(x).write_text(y)', 'write_text'),
-        ('shutil.copy(a, b)', 'copy'),
-        ('os.replace(a, b)', 'os.replace'),
-        ('json.load(file)', 'json.load'),
-        ('np.load(path)', 'np.load'),
-        ('sqlite3.connect(path)', 'connect'),
-        ('tempfile.NamedTemporaryFile(delete=False)', 'NamedTemporaryFile'),
-        ('gate.open(enabling); values.copy(); text.replace(a, b); signal.connect(f)', None),
-        ('json.loads(text); await asyncio.open_connection(host, 1)', None),
-    ],
-)
-def test_direct_file_access_is_detected(source: str, found: str | None) -> None:
-    assert [*raw(f'async def f():\n  {source}')] == [found] * bool(found)

@@ -78,19 +78,6 @@ def test_rosbags_reads_equal_numbers_from_the_bag(run, bag):
     assert [tuple(m.error_codes) for m in statuses] == [c.error_codes for c in run.conditions]
 
 
-def test_mcap_reads_equal_numbers_from_the_bag(run, bag):
-    reader_module = pytest.importorskip('mcap.reader')
-    decoder = pytest.importorskip('mcap_ros2.decoder')
-    (file,) = bag.glob('*.mcap')
-    positions = []
-    with file.open('rb') as stream:
-        reader = reader_module.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
-        for _, channel, _, message in reader.iter_decoded_messages():
-            if channel.topic == '/joint_states':
-                positions.append(list(message.position))
-    assert np.array_equal(np.array(positions), run.positions)
-
-
 def test_report_of_the_bag_equals_that_of_the_trace(run, bag):
     read = read_bag(bag, TEXTS)
     assert read.began == run.began

@@ -52,7 +52,7 @@ def test_a_task_that_spins_is_said(monkeypatch):
         again()
         await asyncio.sleep(1.0)
 
-    with pytest.raises(NothingLeftError, match='comes for ever'):
+    with pytest.raises(NothingLeftError, match='repeats forever'):
         run(scenario())
 
 
