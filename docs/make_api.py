@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The reference of the Python API, from its docstrings: a page of the site.
+"""Generates the site's reference of the Python API from docstrings.
 
-The sources are read, not imported, but for the table of settings.
+The sources are parsed, not imported, except the table of settings.
 """
 
 import ast
@@ -17,7 +17,7 @@ DOCS = Path(__file__).parent
 PACKAGE = DOCS.parent / 'epson_driver'
 WIDTH = 120
 MAX_SIGNATURE = 100
-"""A longer one has each parameter on a line of its own, characters."""
+"""Maximum length of a signature on one line, characters."""
 
 CLASSES = (
     ('aio.py', 'Robot'),
@@ -40,10 +40,10 @@ CLASSES = (
 """File and class, in the order of the page."""
 
 WITHIN = ('begin', 'finish')
-"""Methods that no user calls."""
+"""Internal methods."""
 
 PARTS = {'Arm': 'api/arm.py', 'Motions': 'api/motions.py', 'Streams': 'api/streams.py'}
-"""Classes whose members are shown as those of the class that has them as bases."""
+"""Base classes whose members are listed in the derived class."""
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -98,7 +98,7 @@ def _class(node: ast.ClassDef) -> Iterator[str]:
 
 
 def _attributes(function: Function) -> Iterator[str]:
-    """Yield the attributes that have a docstring of their own."""
+    """Yield the attributes with a docstring."""
     for before, after in zip(function.body, function.body[1:], strict=False):
         if (
             isinstance(before, ast.Assign)
@@ -120,7 +120,7 @@ def _is_property(function: Function) -> bool:
 
 
 def _field(node: ast.AnnAssign) -> str:
-    """Return a field, one of `Settings` with the default of its row."""
+    """Return a field. A field of `Settings` has the default of its row."""
     if isinstance(node.value, ast.Call) and ast.unparse(node.value.func) == 'setting':
         name, *usual = (ast.literal_eval(each) for each in node.value.args)
         default = usual[0] if usual else ROWS[name].default
@@ -168,7 +168,7 @@ def _text(node: ast.ClassDef | Function) -> str:
 
 
 def _wrapped(docstring: str) -> str:
-    """Return paragraphs as wide as pages are; what is indented is code."""
+    """Return paragraphs wrapped to the page width. Indented text is code."""
     paragraphs = []
     for paragraph in inspect.cleandoc(docstring).split('\n\n'):
         if paragraph.startswith('    '):

@@ -34,11 +34,11 @@ REGIONS = {
 
 
 BRIEF = {'estop': 'E-stop', 'fault': 'errors', 'mode': 'key switch'}
-"""How the table of refusals names a region whose key is no word."""
+"""Names of regions with an unreadable key in the table of refusals."""
 
 
 def machines() -> str:
-    """Return a diagram for each table of the driver; an event that changes nothing is left out."""
+    """Return a diagram per state table of the driver, without events that change nothing."""
     return '\n'.join(
         f'### {title}\n\n`epson_driver/{file}`\n\n{_diagram(transitions, start)}'
         for title, file, transitions, start in MACHINES
@@ -76,7 +76,7 @@ def _words(value: Enum) -> str:
 
 
 def _diagram(transitions: Table, start: Enum) -> str:
-    """Return a Mermaid diagram; events with the same way share an arrow, eight at most."""
+    """Return a Mermaid diagram. Up to eight events with equal states share an arrow."""
     states = {state for row in transitions.items() for state in _states(row)}
     names = {state.name: state.value for state in states}
     lines = ['```mermaid', 'stateDiagram-v2']

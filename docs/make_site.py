@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build all pages of the repository as a site that needs no network: `make docs`.
 
-The pages keep their places, so that every link between them holds. What they link to besides
-pages (profiles, robot models, the licence) is shown on pages made for it, and a folder as the list
-of its files. What comes from code and data is made here: the parts of pages that say
-`<!-- made: NAME -->`, and two pages. No page asks another host for anything: fonts are the
-reader's, and diagrams are drawn here instead of by a script from elsewhere. All of it works from
-files, the search too.
+The pages keep their relative paths, so that links between them stay valid. Linked files (profiles,
+robot models, the licence) get a generated page, and folders a list of their files. The content of
+`<!-- made: NAME -->` and two whole pages are generated from code and data. No page sends requests
+to other hosts: fonts are local, and diagrams are rendered here. The site, including its search,
+works from files without a server.
 """
 
 import argparse
@@ -67,9 +66,9 @@ LANGUAGES = {'.yaml': 'yaml', '.yml': 'yaml', '.rst': 'rst', '.py': 'python', '.
 
 
 def main() -> int:
-    """Build the site; return the exit code of the builder."""
+    """Build the site. Return the exit code of the builder."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--source-only', action='store_true', help='write what it is built from')
+    parser.add_argument('--source-only', action='store_true', help='only write the source folder')
     arguments = parser.parse_args()
     write_source()
     if arguments.source_only:
@@ -154,7 +153,7 @@ def navigation() -> Iterator[tuple[str, list[str]]]:
 
 
 def _whole(page: Path) -> str:
-    """Return a page with the parts that are made."""
+    """Return a page with its generated parts."""
     text = page.read_text(encoding='utf-8')
     return PART.sub(lambda found: ''.join(MADE[found[1]](*found[2].split())), text)
 
@@ -165,7 +164,7 @@ def _targets(page: Path, text: str) -> Iterator[Path]:
 
 
 def _linked(page: Path, text: str) -> str:
-    """Return a page whose links to files and folders lead to the pages made for them."""
+    """Return a page whose links to files and folders point to their generated pages."""
 
     def link(found: re.Match[str]) -> str:
         shown, target = found[1], found[2]
@@ -181,7 +180,7 @@ def _linked(page: Path, text: str) -> str:
 
 
 def _drawn(page: Path, text: str) -> str:
-    """Return a page whose diagrams are pictures."""
+    """Return a page with rendered diagrams."""
     count = 0
 
     def draw(found: re.Match[str]) -> str:

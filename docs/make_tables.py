@@ -35,7 +35,7 @@ KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'ar
 
 
 def parameters() -> Iterator[str]:
-    """Yield an item for each parameter; `<joint>` stands for each joint's name."""
+    """Yield an item for each parameter. `<joint>` is a joint name."""
     for row in (*TABLE, *joint_rows('<joint>')):
         written = _written(row.default)
         kind = KINDS[type(row.default)]
@@ -55,7 +55,7 @@ def errors() -> Iterator[str]:
 
 
 def spel_words() -> Iterator[str]:
-    """Yield what of SPEL+ is understood."""
+    """Yield the supported words of SPEL+."""
     for kind, table in (('statements', COMMANDS), ('functions', FUNCTIONS)):
         names = sorted((rule.name for rule in table.values()), key=str.lower)
         yield item(f'{len(names)} {kind}: {", ".join(f"`{name}`" for name in names)}')
@@ -78,7 +78,7 @@ def keys() -> Iterator[str]:
 
 
 def faults() -> Iterator[str]:
-    """Yield an item for each fault of the simulated controller, and below it its parameters."""
+    """Yield an item for each fault of the simulated controller, with its parameters."""
     for name, kind in FAULTS.items():
         yield item(f'**`{name}`**: {kind.text}')
         for key, text in parameter_texts(kind).items():
@@ -129,12 +129,12 @@ def _mark(model: RobotModel, quantity: str) -> str:
 
 
 def approximate(profile: str) -> Iterator[str]:
-    """Yield an item for what a controller profile only approximates."""
+    """Yield an item for each approximate value of a controller profile."""
     yield from map(item, load_controller_profile(profile).approximate)
 
 
 def invariants() -> Iterator[str]:
-    """Yield an item for each invariant, and below it the files that have a test of it."""
+    """Yield an item for each invariant, with the files that test it."""
     texts = {path: path.read_text(encoding='utf-8') for path in sorted(TEST.rglob('test_*.py'))}
     for number in INVARIANTS:
         marker = re.compile(rf'mark\.invariant\((\d, )*{number}[,)]')
@@ -144,8 +144,8 @@ def invariants() -> Iterator[str]:
 
 
 def licences() -> Iterator[str]:
-    """Yield the table of the installed packages, and of what each states as its licence."""
-    yield '# Licences of what is installed\n\n'
+    """Yield the table of installed packages and their declared licences."""
+    yield '# Licences of installed packages\n\n'
     yield 'As each Python package states it in the environment in which this site was built.\n\n'
     yield _row('package', 'version', 'licence')
     yield _row('---', '---', '---')
@@ -155,7 +155,7 @@ def licences() -> Iterator[str]:
 
 
 def _licence(package: Distribution) -> str:
-    """Return what a package says: an expression, classifiers, a field, or a ROS manifest."""
+    """Return the licence of a package: expression, classifiers, field, or ROS manifest."""
     about = package.metadata
     classifiers = [
         each.rpartition(' :: ')[2]

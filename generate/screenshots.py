@@ -39,11 +39,11 @@ REPORT_SIZE = 1500, 1130
 TERMINAL_COLUMNS = 112
 
 SLOWER = 6.0
-"""How much longer the motion takes that is shown in the panel: a picture takes seconds without a
-graphics card."""
+"""Factor of the motion's duration for the panel's picture, which takes seconds without a graphics
+card."""
 
 TAKEN_S = 8.0
-"""When it is taken, s after the motion began."""
+"""Time of the picture after the start of the motion, s."""
 
 
 @contextmanager
@@ -65,7 +65,7 @@ def tab(width: int, height: int) -> Iterator[Any]:
 
 
 def save(page: Any, name: str) -> None:
-    """Write what the tab shows to docs/images."""
+    """Save a screenshot of the tab to docs/images."""
     picture = Image.open(io.BytesIO(page.screenshot(timeout=TIMEOUT_MS))).convert('RGB')
     path = IMAGES / name
     if path.suffix == '.webp':
@@ -127,7 +127,7 @@ def _panel(page: Any, remote_port: int) -> None:
 
     for lamp in ('Link', 'Door'):
         page.wait_for_selector(f'[data-lamp="{lamp}"][data-colour="good"]')
-    page.wait_for_timeout(5_000)  # until the curves have begun
+    page.wait_for_timeout(5_000)  # for the curves
     save(page, 'panel_rest.webp')
     button('Arm').click()
     page.wait_for_selector('body.armed')
@@ -136,7 +136,7 @@ def _panel(page: Any, remote_port: int) -> None:
     button('Execute').click()
     page.wait_for_timeout(1e3 * TAKEN_S)
     save(page, 'panel_motion.webp')
-    # on a busy machine the driver hangs, or the page while it is drawn: then take it again
+    # fails if driver or page stalled on a busy machine: run the command again
     page.wait_for_selector('.armed [data-lamp="Motion"][data-colour="good"]', timeout=1e3)
     press = [*COMMAND, 'pendant', f'--port={remote_port}', 'estop', 'press']
     subprocess.run(press, check=True, capture_output=True)
@@ -146,7 +146,7 @@ def _panel(page: Any, remote_port: int) -> None:
 
 
 def report() -> None:
-    """Take the report of two runs of the demo, side by side, and that of a run with an E-stop."""
+    """Take a report that compares two runs of the demo, and a report with an E-stop."""
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
         picture, trace = Path(name, 'demo.png'), Path(name, 'night.pcap')
         demo = [*COMMAND, 'demo', '--compare', f'--picture={picture}']
@@ -179,7 +179,7 @@ def _report(path: Path, name: str, moment: str) -> None:
 
 
 def _repeated_after_an_estop(trace: Path) -> None:
-    """Record a motion that an E-stop ended, and that was repeated."""
+    """Record a motion that an E-stop interrupts, and its repetition."""
     target = [0.8, 0.5, 0.1, 0.3, -0.4, 0.0]
     with Robot.simulated(enable=True, settings=Settings(trace_file=str(trace))) as robot:
         robot.move_joints(target, speed=0.05, wait=False)
@@ -193,13 +193,13 @@ def _repeated_after_an_estop(trace: Path) -> None:
 
 
 def exercise() -> None:
-    """Take what a good program does in all cases of the exercise, as a terminal shows it."""
+    """Take the exercise's output for a correct program."""
     programs = ROOT / 'test' / 'exercise' / 'programs'
     _terminal(['exercise', '--', 'python3', 'good.py'], 0, 'what it did', cwd=programs)
 
 
 def doctor() -> None:
-    """Take what the doctor says of a controller in E-stop."""
+    """Take the doctor's output for a controller in E-stop."""
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
         profile = ['--controller=rc700a']
         log, environment = Path(name, 'log'), dict(os.environ)
@@ -212,9 +212,9 @@ def doctor() -> None:
 
 
 def _terminal(words: list[str], code: int, begin: str = '', cwd: Path = ROOT) -> None:
-    """Take a command's output as a terminal shows it, from the line with `begin` on.
+    """Take a command's output as an image of a terminal, from the line with `begin`.
 
-    Raises RuntimeError if it ends with another exit code, as on a machine that is too busy.
+    Raises RuntimeError for another exit code, for example on a busy machine.
     """
     environment = os.environ | {
         'COLUMNS': str(TERMINAL_COLUMNS),

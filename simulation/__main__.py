@@ -24,12 +24,12 @@ def main() -> int:
     """Play the requested worlds. Returns 1 if an invariant was violated, else 0."""
     parser = argparse.ArgumentParser(prog='python -m simulation', description=__doc__)
     parser.add_argument('--seed', help='one world: a number, or numbers joined by dots')
-    parser.add_argument('--count', type=int, default=1, help='so many seeds, from that one on')
-    parser.add_argument('--minutes', type=float, help='new seeds for so long')
-    parser.add_argument('--log', action='store_true', help='print all that happened')
     parser.add_argument(
-        '--no-shrink', action='store_true', help='leave a failure as long as it is'
+        '--count', type=int, default=1, help='number of seeds, starting with --seed'
     )
+    parser.add_argument('--minutes', type=float, help='play new seeds for this time')
+    parser.add_argument('--log', action='store_true', help='print all that happened')
+    parser.add_argument('--no-shrink', action='store_true', help='do not shorten failing worlds')
     arguments = parser.parse_args()
     tally = Tally()
     for seed in _seeds(arguments, tally):
@@ -97,7 +97,7 @@ class Tally:
         used = time.process_time() - self._began
         return (
             f'{self.worlds} worlds, {self.events} events, {self.robot_seconds:.0f} s of the robot '
-            f'in {used:.0f} s of the processor; {len(self.situations)} situations; '
+            f'in {used:.0f} s of the processor, {len(self.situations)} situations, '
             f'{self.failed} failed'
         )
 

@@ -204,13 +204,11 @@ class Arm:
             return  # it holds its measured position
         if self._rested:
             raise BrokenError(
-                f'4: the arm moves, and nobody has wanted that for '
-                f'{now - self._unwanted_since:.3f} s'
+                f'4: the arm moves, without a request for {now - self._unwanted_since:.3f} s'
             )
         if now - self._unwanted_since > self._settle:
             raise BrokenError(
-                f'3: the arm still moves {self._settle:g} s after the last one who '
-                'wanted it was told, or stopped it'
+                f'3: the arm still moves {self._settle:g} s after the last request ended'
             )
 
     def rest(self, target: Array, away: float) -> None:
@@ -228,12 +226,12 @@ class Arm:
     def old_points_over(self, since: float) -> None:
         """Judge that STOP has arrived, if no motion was requested since. Raises BrokenError."""
         if self._now() - self.moved < ANSWERED_S and self._wishes.asked <= since:
-            raise BrokenError('4: the arm goes on with old points since a client came')
+            raise BrokenError('4: the arm executes old points after a client connected')
 
     def said_to_stand(self, request: str) -> None:
         """Judge that the arm is at rest, as an answer claims. Raises BrokenError."""
         if self._now() - self.moved < ANSWERED_S:
-            raise BrokenError(f'9: ~/{request} says that the arm stands, and it moves')
+            raise BrokenError(f'9: ~/{request} reports an arm at rest, but it moves')
 
     def _remember(self, now: float) -> None:
         """Store the current position. During a long rest, the last stored ones remain."""
@@ -312,7 +310,7 @@ class Outputs:
             for each in writes:
                 each.alone &= each.value == new
             if new and all(each.value != new for each in writes):
-                self._break(BrokenError(f'1: output {index} becomes {new}: nobody asked for that'))
+                self._break(BrokenError(f'1: output {index} becomes {new} without a request'))
 
     @contextmanager
     def reading(self, index: int) -> Iterator[set[int]]:

@@ -196,7 +196,9 @@ class Users:
         if outcome.end is not End.SUCCEEDED:
             return
         if now - max(given_up, self.held_up) > LATEST_S:
-            text = f'5: goal {number} succeeded {now - given_up:.1f} s after nobody wanted it'
+            text = (
+                f'5: goal {number} succeeded {now - given_up:.1f} s after its last request ended'
+            )
             self._world.break_(BrokenError(text))
         away = TOLERANCE_RAD if target is None else float(np.abs(arm.at - target).max())
         if away > TOLERANCE_RAD + READ_RAD:
@@ -284,7 +286,7 @@ class Users:
         self._disabled += name == 'disable' and said.startswith('ok')
         last = self._enables == enables and process is self._world.process
         if self._disabled > disabled and last and self.gate:
-            text = '4: the arm is enabled after ~/disable was answered, and nobody has enabled it'
+            text = '4: the arm is enabled without a request, after an answered ~/disable'
             self._world.break_(BrokenError(text))
         return said
 
@@ -292,7 +294,7 @@ class Users:
         """Judge that the arm was enabled only by a request."""
         closed, enables = self._looked
         if closed and self.gate and not self._enabling and self._enables == enables:
-            text = '4: the arm is enabled, and nobody has asked for that'
+            text = '4: the arm is enabled without a request'
             self._world.break_(BrokenError(text))
         self._looked = self.gate is False, self._enables - (self._enabling > 0)
 

@@ -137,11 +137,11 @@ class VirtualLoop(asyncio.BaseEventLoop):
                         name = f'Exception in callback {call.callback}'
                         self.call_exception_handler({'message': name, 'exception': error})
                     if calls > MAX_CALLS:
-                        raise NothingLeftError(f'{call.callback} comes for ever')
+                        raise NothingLeftError(f'{call.callback} repeats forever')
             if self._stopping:  # type: ignore[attr-defined]
                 return
             if not scheduled:
-                raise NothingLeftError('nothing is left to happen, but somebody waits')
+                raise NothingLeftError('no event is left, but a task is waiting')
             when, _, call = heapq.heappop(scheduled)
             if not call.gone:
                 self.now, calls = max(self.now, when), 0

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is set of an arm, on the command line or in Python."""
+"""The configuration of an arm, for the command line and Python."""
 
 from dataclasses import dataclass, field
 
@@ -14,12 +14,13 @@ from epson_driver import Settings
 
 @dataclass(kw_only=True)
 class EpsonArm:
-    """Which arm it is, and how it follows.
+    """The arm, its limits and its connection.
 
-    host: None for a simulated arm of its own, which begins at `start`, rad (m). controller, model:
-    as epson_driver has them; ports: those of motion, state, io and remote that differ. speed,
-    acceleration: shares of the joint limits, (0, 1]. timeout: so long after the last action the
-    arm brakes, s; more than two periods of the actions. trace_file: a new pcap file.
+    host: controller, or None for a new simulated arm that starts at `start`, rad (m).
+    controller, model: names of epson_driver. ports: motion, state, io and remote ports other than
+    the defaults. speed, acceleration: fractions of the joint limits, (0, 1]. timeout: time from
+    the last action to braking, s, more than two periods of the actions. trace_file: a new pcap
+    file.
     """
 
     host: str | None = None
@@ -56,10 +57,10 @@ class EpsonRobotConfig(RobotConfig, EpsonArm):
 @TeleoperatorConfig.register_subclass('epson_leader')
 @dataclass(kw_only=True)
 class EpsonLeaderConfig(TeleoperatorConfig, EpsonArm):
-    """An arm whose joints are the actions for another one of the same model.
+    """A leader arm, whose joints are the actions of a follower of the same model.
 
-    hand: what moves it, 'keys' or 'wave', joint 1 to `amplitude`, rad (m), and back each `period`
-    s.
+    hand: source of motion, 'keys' or 'wave'. A wave moves joint 1 to `amplitude`, rad (m), and
+    back every `period` s.
     """
 
     hand: str = 'keys'

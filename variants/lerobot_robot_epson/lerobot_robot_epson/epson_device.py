@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What robot and leader have in common: an arm that is connected, and its joints by name."""
+"""The base of robot and leader: a connected arm and its joints by name."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -13,10 +13,10 @@ from epson_driver.motion.setpoint_tracker import servo_limits
 from lerobot_robot_epson.config_epson import EpsonArm
 
 LONGEST_STEP_S = 0.07
-"""What time between two actions counts at most, s: one that comes late makes no jump."""
+"""Maximum time step of an action, s, so that a late action causes no jump."""
 
 BRAKE_S = 0.06
-"""A joint is never so fast that braking would take longer, s."""
+"""Maximum braking time, s, which limits the joint speeds."""
 
 
 class EpsonDevice:
@@ -34,12 +34,12 @@ class EpsonDevice:
 
     @property
     def action_features(self) -> dict[str, type]:
-        """Of each joint its position."""
+        """The position of each joint."""
         return dict.fromkeys(self._joints, float)
 
     @property
     def is_connected(self) -> bool:
-        """Whether `disconnect` has something to do: a lost link raises RobotError elsewhere."""
+        """Whether `disconnect` is needed. A lost link raises RobotError in other methods."""
         return self._open is not None
 
     @property
@@ -54,7 +54,7 @@ class EpsonDevice:
 
     @contextmanager
     def _connecting(self) -> Iterator[ExitStack]:
-        """Have all that is entered undone by an error, otherwise by `disconnect`."""
+        """Enter contexts, which an error closes immediately and `disconnect` closes later."""
         with ExitStack() as stack:
             yield stack
             stack.enter_context(self.arm)
@@ -63,7 +63,7 @@ class EpsonDevice:
 
     @check_if_not_connected
     def disconnect(self) -> None:
-        """Stop the arm, switch the motors off, and let go of all that was connected."""
+        """Stop the arm, switch the motors off, and close all connections."""
         stack, self._open = self._open, None
         stack.close()
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An arm as lerobot's Robot: observations are measured joints, actions where they should be."""
+"""An arm as lerobot's Robot. Observations are measured joints and actions joint targets."""
 
 import math
 import time
@@ -15,19 +15,19 @@ from lerobot_robot_epson.config_epson import EpsonRobotConfig
 from lerobot_robot_epson.epson_device import LONGEST_STEP_S, EpsonDevice
 
 BEGIN_S = 0.005
-"""What the first action of a stream may do, s: a stream begins where the arm is."""
+"""Time step of the first action of a stream, s. A stream starts at the measured position."""
 
 RISE_S = 0.2
-"""From rest to full speed, and back, it takes so long, s: what is torn to and fro hardly moves."""
+"""Time from rest to full speed, s. Rapidly alternating actions therefore cause little motion."""
 
 REST_S = 0.3
-"""After so long without an action the arm rests, s, and the next one begins a stream."""
+"""Time without an action, s, after which the arm is at rest and a new stream starts."""
 
 
 class EpsonRobot(EpsonDevice, Robot):
     """Follows joint positions through epson_driver's streams.
 
-    `connect` switches the motors on. What the driver refuses raises its RobotError: the arm rests.
+    `connect` switches the motors on. A refusal by the driver raises its RobotError, at rest.
     """
 
     config_class = EpsonRobotConfig
@@ -38,7 +38,7 @@ class EpsonRobot(EpsonDevice, Robot):
         self.cameras = make_cameras_from_configs(config.cameras)
         self._target = np.zeros(len(self._joints))
         self._velocity = np.zeros(len(self._joints))
-        self._heard = -math.inf
+        self._last_action = -math.inf
 
     @property
     def observation_features(self) -> dict[str, type | tuple[int | None, ...]]:
@@ -62,7 +62,7 @@ class EpsonRobot(EpsonDevice, Robot):
 
     @check_if_not_connected
     def send_action(self, action: RobotAction) -> RobotAction:
-        """Let the arm go there, within range and speed, and return where it is sent now.
+        """Move towards the action within range and speed limits. Return the sent target.
 
         Raises ValueError for an action that lacks a joint or is not finite, and RobotError while
         the arm cannot follow.
@@ -72,17 +72,18 @@ class EpsonRobot(EpsonDevice, Robot):
                 raise ValueError(f'{name} = {action.get(name)}: an action has all joints, finite')
         wanted = np.array([float(action[name]) for name in self._joints])
         now = time.perf_counter()
-        step = min(now - self._heard, LONGEST_STEP_S)
-        if now - self._heard > REST_S:
+        step = min(now - self._last_action, LONGEST_STEP_S)
+        if now - self._last_action > REST_S:
             self._target, self._velocity, step = self.arm.joints, 0.0 * wanted, BEGIN_S
         low, high = self.limits.position_min, self.limits.position_max
-        way = np.clip(wanted, low, high) - self._target
-        slower = self.fastest * step / RISE_S  # so much in this step
-        stoppable = (np.sqrt(slower**2 + 8.0 * slower * np.abs(way) / step) - slower) / 2.0
+        distance = np.clip(wanted, low, high) - self._target
+        slower = self.fastest * step / RISE_S  # maximum change of velocity in this step
+        stoppable = (np.sqrt(slower**2 + 8.0 * slower * np.abs(distance) / step) - slower) / 2.0
         fastest = np.minimum(self.fastest, stoppable) + 1e-12
-        turn = way / step / max(np.max(np.abs(way) / (fastest * step)), 1.0) - self._velocity
-        self._velocity = self._velocity + turn / max(np.max(np.abs(turn) / slower), 1.0)
+        slowdown = max(np.max(np.abs(distance) / (fastest * step)), 1.0)
+        change = distance / step / slowdown - self._velocity
+        self._velocity = self._velocity + change / max(np.max(np.abs(change) / slower), 1.0)
         target = np.clip(self._target + self._velocity * step, low, high)
-        self.arm.servo(target, np.zeros(len(target)))  # to rest there, not to be led beyond it
-        self._target, self._heard = target, now
+        self.arm.servo(target, np.zeros(len(target)))  # zero velocity avoids extrapolation
+        self._target, self._last_action = target, now
         return self._named(target)

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The genuine lerobot with simulated arms: its own commands, and actions that nobody should send.
+"""lerobot with simulated arms: its commands, and malicious actions.
 
-pytest -m '' variants/lerobot_robot_epson, where lerobot and this package are installed. How often
-a busy machine sends actions, and how late, is printed, not judged: the times at rest are judged in
-virtual time, by test/api/test_lerobot_arm.py.
+pytest -m '' variants/lerobot_robot_epson, where lerobot and this package are installed. Rates and
+delays depend on the machine and are only printed. test/api/test_lerobot_arm.py checks them in
+virtual time.
 """
 
 import math
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip('lerobot', reason='lerobot is not installed here: see the README beside')
+pytest.importorskip('lerobot', reason='lerobot is not installed, see README.md')
 
 import pandas as pd
 from lerobot_robot_epson import EpsonRobot, EpsonRobotConfig
@@ -56,7 +56,7 @@ def run(name, folder, *more):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_teleoperate(folder):
+def test_teleoperation_moves_joint_1(folder):
     run('lerobot-teleoperate', folder, '--robot.trace_file=led.pcap', '--teleop_time_s=5')
     _, joints = measured(folder / 'led.pcap')
     print(f'led to {joints[:, 0].max():.4f} rad')
@@ -64,7 +64,7 @@ def test_teleoperate(folder):
     assert np.ptp(joints[:, 1:], axis=0).max() < NEAR
 
 
-def test_record_and_replay(folder):
+def test_recorded_motion_is_replayed(folder):
     run('lerobot-record', folder)
     tables = sorted((folder / 'wave' / 'data').rglob('*.parquet'))
     frames = pd.concat(pd.read_parquet(table) for table in tables)
@@ -104,14 +104,14 @@ FAR = np.array([3.0, -3.0, 3.0, -3.0, 2.0, 6.0])
 
 HOSTILE = {
     'jumps of 3 rad': lambda step: FAR,
-    'there and back at once': lambda step: FAR * (-1) ** step,
-    'anything': lambda step: np.random.default_rng(step).uniform(-7, 7, 6),
-    'as much as a float has': lambda step: np.full(6, 1e300),
+    'forth and back': lambda step: FAR * (-1) ** step,
+    'random': lambda step: np.random.default_rng(step).uniform(-7, 7, 6),
+    'huge values': lambda step: np.full(6, 1e300),
 }
 
 
 def sent(robot, policy, steps):
-    """Send actions at 30 Hz and return when the last one was sent, in time of day, s."""
+    """Send actions at 30 Hz. Return the time of day of the last action, s."""
     begin = time.monotonic()
     for step in range(steps):
         last = time.time()
@@ -120,8 +120,8 @@ def sent(robot, policy, steps):
     return last
 
 
-def held(robot, samples, last):
-    """Check samples against the limits and return what was the fastest, and the time to rest."""
+def checked(robot, samples, last):
+    """Check samples against the limits. Return the highest speed fraction and the time to rest."""
     limits = robot.limits
     positions = np.array([sample.positions for sample in samples])
     assert (positions >= limits.position_min - ROUNDING).all()
@@ -134,33 +134,33 @@ def held(robot, samples, last):
 
 
 @pytest.mark.parametrize('name', HOSTILE)
-def test_hostile_actions(robot, name):
+def test_malicious_actions_respect_the_limits(robot, name):
     samples = []
     forget = robot.arm.on_joints(samples.append)
     last = sent(robot, HOSTILE[name], 60)
     time.sleep(1.5)
     forget()
-    fastest, rest = held(robot, samples, last)
+    fastest, rest = checked(robot, samples, last)
     print(f'{name}: {fastest:.3f} of the velocity limits, at rest after {rest:.3f} s')
     assert 0.0 < fastest < 0.25
 
 
-def test_chunks_that_come_late(robot):
+def test_late_chunks_respect_the_limits(robot):
     samples = []
     forget = robot.arm.on_joints(samples.append)
     start = robot.arm.joints
     for chunk in range(4):
-        last = sent(robot, lambda step, way=chunk: start + 0.2 * way + 0.02 * step, 10)
+        last = sent(robot, lambda step, chunk=chunk: start + 0.2 * chunk + 0.02 * step, 10)
         time.sleep(0.4)
     time.sleep(1.0)
     forget()
-    fastest, rest = held(robot, samples, last)
+    fastest, rest = checked(robot, samples, last)
     print(f'late chunks: {fastest:.3f} of the velocity limits, at rest {rest:.3f} s')
     assert fastest < 0.25
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_refused_and_moves_nothing(robot, value):
+def test_non_finite_action_is_refused_without_motion(robot, value):
     here = robot.arm.joints
     with pytest.raises(
         ValueError, match=r'joint_3\.pos = -?(inf|nan): an action has all joints, finite'
@@ -172,7 +172,7 @@ def test_what_is_no_number_is_refused_and_moves_nothing(robot, value):
     assert robot.arm.joints == pytest.approx(here, abs=1e-4)
 
 
-def test_an_estop_ends_a_stream_with_why(robot):
+def test_estop_ends_the_stream_with_a_reason(robot):
     robot.arm.simulation.estop()
     robot.arm.wait_until(lambda sample: sample.status.e_stopped, timeout=10.0)
     with pytest.raises(RuntimeError, match='E-stop'):
