@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver pendant`, with a simulated controller and with scripted real ones."""
 
-import asyncio
 import socket
 import threading
 from contextlib import suppress
@@ -12,12 +11,8 @@ from support.here import run_here
 from support.sim_process import vacant_port, wait_for
 
 from epson_driver.cli import pendant
-from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.remote_ethernet.hand import ACTIONS, FORMS
-from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
 
 def call(port, words, *options):
@@ -34,31 +29,9 @@ def call(port, words, *options):
 
 
 @pytest.fixture
-def port():
-    """The remote port of a simulated controller, which runs in a thread."""
-    ready, found = threading.Event(), []
-
-    async def serve():
-        profile = load_controller_profile('simulated')
-        servers = ControllerServers(new_controller(load_robot_model('c3_a601s'), profile))
-        ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
-        running = asyncio.create_task(servers.run())
-        end = asyncio.Event()
-        found.extend([ports.remote, asyncio.get_running_loop(), end])
-        ready.set()
-        await end.wait()
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
-        await servers.close()
-
-    thread = threading.Thread(target=asyncio.run, args=(serve(),))
-    thread.start()
-    assert ready.wait(60)
-    remote, loop, end = found
-    yield remote
-    loop.call_soon_threadsafe(end.set)
-    thread.join()
+def port(start):
+    """The remote port of a simulated controller."""
+    return start('--motion=ptp')[1]['remote']
 
 
 DIALOGUE = """
@@ -281,15 +254,21 @@ def test_refusal_of_a_real_controller_has_a_reason(flags, reason):
 
 
 @pytest.mark.parametrize(
-    ('words', 'command'), [('motors off', 'SetMotorsOff,1'), ('pause', 'Pause'), ('stop', 'Stop')]
+    ('words', 'command', 'disconnects', 'sent'),
+    [
+        ('motors off', 'SetMotorsOff,1', ['SetMotorsOff,1'] * 2, 3),
+        ('pause', 'Pause', ['Pause'] * 2, 3),
+        ('stop', 'Stop', ['Stop'] * 2, 3),
+        ('motors off', 'SetMotorsOff,1', ['Sim,identity'], 1),
+    ],
 )
-def test_stopping_command_is_repeated_after_a_disconnect(words, command):
+def test_stopping_command_is_repeated_until_its_reply(words, command, disconnects, sent):
     """docs/invariants.md, 7: a busy controller disconnects, perhaps before it has obeyed."""
-    answer = f'#{command.split(",")[0]},0'
-    with ScriptedPort({command: answer}, disconnects=[command, command]) as real:
+    answers = {command: f'#{command.split(",")[0]},0'}
+    with ScriptedPort(answers, disconnects=disconnects) as real:
         code, text, _ = call(real.port, words)
-    assert code == 0, text
-    assert real.commands.count(command) == 3
+    assert (code, text) == (0, ACTIONS[words].done)
+    assert real.commands.count(command) == sent
 
 
 def test_starting_command_is_not_repeated():
@@ -298,12 +277,6 @@ def test_starting_command_is_not_repeated():
     assert code == 1
     assert text.startswith('no controller: ')
     assert real.commands.count('SetMotorsOn,1') == 1
-
-
-def test_disconnect_after_the_reply_is_a_success():
-    with ScriptedPort({'SetMotorsOff,1': '#SetMotorsOff,0'}, disconnects=['Sim,identity']) as real:
-        code, text, _ = call(real.port, 'motors off')
-    assert (code, text) == (0, ACTIONS['motors off'].done)
 
 
 @pytest.mark.parametrize('words', ['estop press', 'door open', 'mode auto', 'io DI 3 on', 'fault'])
