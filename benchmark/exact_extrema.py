@@ -19,7 +19,7 @@ from numpy.polynomial import chebyshev
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Smoother
-from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.smoother.request import ActivePlan
 
 NODES = chebyshev.chebpts1(17)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(NODES, 16))

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from epson_driver.error_texts import NO_ERROR, load_error_texts
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
-from epson_driver.remote_ethernet.errors import MEANINGS
+from epson_driver.remote_ethernet.client import MEANINGS
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.setup.table import TABLE, Row, joint_rows
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS, parameter_texts

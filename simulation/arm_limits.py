@@ -17,7 +17,7 @@ from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.joint_moves import JointMoves
 from epson_driver.motion.joint_stop import JointStop
 from epson_driver.motion.smoother import Smoother
-from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.sim_controller.arm.executor import Motion
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint, Segment
 from epson_driver.tool_motion.curve_motion import CurveMotion

@@ -16,9 +16,17 @@ from epson_driver.driver.outcome import Outcome
 from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.arming import ALIVE_WITHIN_S
 from epson_driver.panel.requests import Requests
-from epson_driver.panel.robot import Say
 from epson_driver.panel.robot_control import RobotControl
-from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, RobotState, Status, Tri
+from epson_driver.panel.robot_state import (
+    ERROR,
+    INFO,
+    WARN,
+    RequestError,
+    RobotState,
+    Say,
+    Status,
+    Tri,
+)
 from epson_driver.panel.window import Window
 from epson_driver.robots import RobotModel
 from simulation.network import HOST, PROCESS

@@ -63,7 +63,7 @@ def test_index_lists_every_page() -> None:
 
 
 def test_index_lists_every_executable() -> None:
-    from epson_driver.processes.executables import EXECUTABLES
+    from epson_driver.processes.command import EXECUTABLES
 
     text = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
     for name in EXECUTABLES:

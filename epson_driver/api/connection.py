@@ -14,8 +14,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any, BinaryIO, TypeVar
 
-from epson_driver.api.callbacks import Changes
-from epson_driver.api.driver_status import robot_status
+from epson_driver.api.driver_status import Changes, robot_status
 from epson_driver.api.errors import RobotError, not_begun, refusals
 from epson_driver.api.motion import HeldPath, Motion
 from epson_driver.api.moves import divided

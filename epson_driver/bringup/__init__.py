@@ -26,6 +26,7 @@ from epson_driver.bringup.moveit import (
     servo_parameters,
     write_moveit_package,
 )
+from epson_driver.bringup.params_file import EACH, fleet_robots, several_robots
 from epson_driver.bringup.ros2_control import (
     CONTROLLER,
     check_streams,
@@ -33,7 +34,6 @@ from epson_driver.bringup.ros2_control import (
     first_joint_state,
     ros2_control_arguments,
 )
-from epson_driver.bringup.several import EACH, fleet_robots, several_robots
 
 __all__ = [
     'CONTROLLER',

@@ -8,14 +8,13 @@ from difflib import get_close_matches
 from importlib import import_module
 from xml.etree import ElementTree
 
-from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.command import EXECUTABLES, open_closed_streams
 from epson_driver.processes.interrupt import (
     INTERRUPTED,
     ignore_interrupts,
     leave_at_interrupt,
     raise_at_interrupt,
 )
-from epson_driver.processes.standard_streams import open_closed_streams
 from epson_driver.share import share_file
 
 INTERFACES = ('epson_msgs', 'industrial_msgs')

@@ -16,9 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli.arguments import argument
-from epson_driver.exercise.cases import CASES, NO_FAULT
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
-from epson_driver.exercise.runner import Exercise, run_case
+from epson_driver.exercise.runner import CASES, NO_FAULT, Exercise, run_case
 from epson_driver.inputs import InputError, count, number, printable, write_file
 from epson_driver.processes.interrupt import INTERRUPTED, raise_at_first_signal
 from epson_driver.processes.processes import RunError

@@ -29,8 +29,7 @@ from std_msgs.msg import String
 
 from epson_driver.cli.arguments import argument
 from epson_driver.inputs import count, number, printable
-from epson_driver.node.ros_transport import udp_by_default
-from epson_driver.node.sampling import sampled, take_all
+from epson_driver.node.ros_process import sampled, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
 from epson_driver.processes.processes import Process, RunError
 

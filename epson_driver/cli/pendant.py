@@ -12,16 +12,17 @@ from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import number
+from epson_driver.remote_ethernet.answers import ask_flags, identity
 from epson_driver.remote_ethernet.client import (
     LOGIN_RETRY_PERIOD_S,
     MAX_LOGINS,
     Ask,
     HungUpError,
     RemoteError,
+    RemoteErrorNumber,
     connected,
     logged_in,
 )
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.remote_ethernet.hand import (
     ACTIONS,
     FORMS,
@@ -32,8 +33,6 @@ from epson_driver.remote_ethernet.hand import (
     do,
     told,
 )
-from epson_driver.remote_ethernet.identity import identity
-from epson_driver.remote_ethernet.status_flags import ask_flags
 from epson_driver.sim_controller.faults.fault_kinds import describe
 
 STATUS, KINDS = 'status', 'fault kinds'

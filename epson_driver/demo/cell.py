@@ -19,8 +19,8 @@ from epson_driver.demo.ros_client import RosClient
 from epson_driver.panel import INSTALL, missing
 from epson_driver.processes import processes
 from epson_driver.processes.processes import Ports, Process
+from epson_driver.remote_ethernet.answers import identity
 from epson_driver.remote_ethernet.client import logged_in
-from epson_driver.remote_ethernet.identity import identity
 
 TIMEOUT_S = 5.0
 

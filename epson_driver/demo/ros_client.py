@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from epson_driver.motion import Trajectory
-from epson_driver.node.ros_transport import udp_by_default
+from epson_driver.node.ros_process import udp_by_default
 from epson_driver.node.trajectory_messages import trajectory_message
 from epson_driver.processes.processes import RunError
 from epson_driver.report.measure import Recording

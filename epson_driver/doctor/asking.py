@@ -16,9 +16,14 @@ from epson_driver.doctor.listening import Conversation, NoConnectionError, conve
 from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
 from epson_driver.driver.inhibit import MAIN_ENDED, Inhibit, device_inhibit, flags_inhibit
 from epson_driver.error_texts import ErrorTexts
+from epson_driver.remote_ethernet.answers import (
+    ask_control_device,
+    ask_flags,
+    joints_in_si,
+    joints_of,
+    joints_question,
+)
 from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
-from epson_driver.remote_ethernet.joints import joints_in_si, joints_of, joints_question
-from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
 from epson_driver.simple_message import (
     IoInfo,
     IoInfoReply,

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 
-from epson_driver.node.ros_transport import udp_by_default
+from epson_driver.node.ros_process import udp_by_default
 
 MOVABLE = ('revolute', 'continuous', 'prismatic')
 

@@ -23,8 +23,7 @@ from epson_driver.driver.stopping.motors import (
 )
 from epson_driver.link import Link, LinkState
 from epson_driver.link.remote_link import RemoteLink
-from epson_driver.remote_ethernet.client import Login
-from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.remote_ethernet.client import Login, RemoteTurns
 from epson_driver.simple_message import Dialect, Packet
 
 

@@ -25,9 +25,9 @@ from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import Notification, run_task_group
 from epson_driver.driver.why_not import STATUS_TIMEOUT_S, WhyNot
 from epson_driver.link import Link, LinkState
+from epson_driver.link.connection import ReceiveTimeout, silent
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
-from epson_driver.link.receive_timeout import ReceiveTimeout, silent
 from epson_driver.log_lines import LogThrottle
 from epson_driver.processes.worker import until_done
 from epson_driver.simple_message import (

@@ -12,7 +12,7 @@ from enum import Enum, Flag, auto
 
 from epson_driver.driver.remedy import Remedy
 from epson_driver.error_texts import NO_ERROR, ErrorTexts
-from epson_driver.remote_ethernet.status_flags import CONTROL_DEVICES, REMOTE_ETHERNET
+from epson_driver.remote_ethernet.answers import CONTROL_DEVICES, REMOTE_ETHERNET
 from epson_driver.simple_message import Mode, Status, TriState
 
 

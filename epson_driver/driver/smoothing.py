@@ -60,8 +60,8 @@ def usual_smoothing(program: ProgramProfile) -> Smoothing:
 
 
 MIN_TOLERANCE = 1e-3
-"""Minimum nonzero tolerance, rad or m. It repeats `motion.evened`, to avoid loading the smoother.
-"""
+"""Minimum nonzero tolerance, rad or m. It repeats the constant of `motion.smoothed`,
+to avoid loading the smoother."""
 
 
 def check_tolerance(smoothing: Smoothing) -> None:

@@ -13,8 +13,7 @@ import numpy as np
 
 from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
-from epson_driver.motion.evened import evened
-from epson_driver.motion.smoothed import retimed, smoothed, thinned
+from epson_driver.motion.smoothed import evened, retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
 from epson_driver.processes.worker import answer_file, read_value, write_value
 

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from typing import Any
 
-from epson_driver.link.receive_timeout import READING_TURNS
+from epson_driver.link.connection import READING_TURNS
 
 
 class TaskEndedError(RuntimeError):

@@ -13,7 +13,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from epson_driver.node.ros_transport import udp_by_default
+from epson_driver.node.ros_process import udp_by_default
 
 RETRY_S = 0.5
 

@@ -27,17 +27,20 @@ from dataclasses import dataclass
 
 from epson_driver.inputs import printable
 from epson_driver.link import Link, LinkState, WireEvent
-from epson_driver.link.connection import AnyFramer, Connection
-from epson_driver.link.receive_timeout import ReceiveTimeout, silent
+from epson_driver.link.connection import AnyFramer, Connection, ReceiveTimeout, silent
+from epson_driver.remote_ethernet.answers import (
+    ask_flags,
+    joints_in_si,
+    joints_of,
+    joints_question,
+)
 from epson_driver.remote_ethernet.client import (
     Ask,
     RemoteError,
+    RemoteErrorNumber,
     answer_to,
     without_password,
 )
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.remote_ethernet.joints import joints_in_si, joints_of, joints_question
-from epson_driver.remote_ethernet.status_flags import ask_flags
 from epson_driver.simple_message import (
     ByteOrder,
     Dialect,

@@ -10,7 +10,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.joint_stop import stop_joints
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.ruckig_trajectory import calculated
+from epson_driver.motion.point_to_point import calculated
 
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""

@@ -12,8 +12,7 @@ from ruckig import ControlInterface, InputParameter
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.point_to_point import solve
-from epson_driver.motion.ruckig_trajectory import calculated
+from epson_driver.motion.point_to_point import calculated, solve
 
 MAX_ATTEMPTS = 40
 """Number of reversals that are tried, each twice as long as the last, from `MIN_WAY_BACK`."""

@@ -9,12 +9,41 @@ line, limited by the most restrictive joint, so a stop stays on the line, too.
 from dataclasses import dataclass
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.ruckig_trajectory import calculated
 from epson_driver.motion.trajectory import Trajectory, sample_times
+
+LESS_JERK = 1.0 - 1e-9
+"""Reduction of the jerk limits if Ruckig misses a solution where two of its profiles meet."""
+
+
+def calculated(inp: InputParameter) -> RuckigTrajectory | None:
+    """Return the trajectory that Ruckig finds, or None if it finds none.
+
+    In that case Ruckig returns an error code, or one that its enum does not contain (ValueError),
+    or raises RuckigError, which is only an Exception and no RuntimeError. It also fails for some
+    inputs with a solution: if v = a² / j or similar holds exactly, e.g. for round numbers, and if
+    the duration for synchronizing all joints is exactly the duration that one joint needs.
+    """
+    trajectory = _calculated(inp)
+    if trajectory is None:
+        jerk = inp.max_jerk
+        inp.max_jerk = [LESS_JERK * each for each in jerk]
+        trajectory = _calculated(inp)
+        inp.max_jerk = jerk
+    return trajectory
+
+
+def _calculated(inp: InputParameter) -> RuckigTrajectory | None:
+    trajectory = RuckigTrajectory(inp.degrees_of_freedom)
+    try:
+        result = Ruckig(inp.degrees_of_freedom).calculate(inp, trajectory)
+    except (RuckigError, RuntimeError, ValueError):
+        return None
+    return trajectory if result in (Result.Working, Result.Finished) else None
+
 
 SHORTEST_MOVE_S = 0.01
 """Duration of a move to the current position, as a trajectory."""

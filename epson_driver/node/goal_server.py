@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals from ROS: the action `~/follow_joint_trajectory` and the two topics of trajectories.
 
-Each request is converted to a checked goal (goal_requests.py) and passed to the driver's goal
+Each request is converted to a checked goal (goal_action.py) and passed to the driver's goal
 queue, which reports feedback and the outcome.
 """
 
@@ -25,10 +25,9 @@ from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
-from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd, log_outcome
-from epson_driver.node.goal_requests import GoalRequests
+from epson_driver.node.goal_action import ActionType, GoalAction, GoalRequests, OnEnd, log_outcome
 from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
-from epson_driver.node.remedies import error_text
+from epson_driver.node.messages import error_text
 from epson_driver.node.trajectory_messages import duration_in_s
 
 MAX_GAP_S = 0.3

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Converts the driver's values to ROS messages."""
+"""Converts the driver's values to ROS messages, and its remedies to the names of ROS."""
 
 from collections.abc import Sequence
 
@@ -12,11 +12,34 @@ from industrial_msgs.msg import RobotMode, RobotStatus, TriState
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.outcome import Outcome
+from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.node.remedies import outcome_text
 from epson_driver.simple_message import Mode, Status
+
+WORDS = {
+    Remedy.CONNECT: 'start the controller, or check robot_ip and the ports',
+    Remedy.RELEASE_ESTOP: 'release it, call ~/reset_error (or reset at the controller), '
+    'then ~/enable',
+    Remedy.RESET: 'call ~/reset_error, then ~/enable',
+    Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call ~/enable',
+    Remedy.ENABLE: 'call ~/enable',
+    Remedy.END_STREAM: 'end that, or call ~/stop',
+    Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed to false',
+    Remedy.ALLOW_END_VELOCITY: 'or set allow_nonzero_velocity_at_trajectory_end',
+}
+
+
+def outcome_text(outcome: Outcome) -> str:
+    """Return the reason for a goal's end, and the remedy."""
+    return with_remedy(outcome.text, outcome.remedy, WORDS)
+
+
+def error_text(error: CommandError) -> str:
+    """Return why a command failed, and the remedy."""
+    return with_remedy(str(error), error.remedy, WORDS)
 
 
 class JointStateWriter:

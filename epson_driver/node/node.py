@@ -8,41 +8,135 @@ future.
 """
 
 import asyncio
+import os
 from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from epson_msgs.srv import SetSpeedScaling
 from industrial_msgs.msg import RobotStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks import run_task_group
+from epson_driver.driver.tasks import report_task_error, run_task_group
 from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.goal_server import GoalServer
-from epson_driver.node.gripper_server import GripperServer
-from epson_driver.node.io_interface import IoInterface
+from epson_driver.node.io_interface import GripperServer, IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge, NodeContext
+from epson_driver.node.messages import error_text
 from epson_driver.node.motion_primitives import MotionPrimitives
-from epson_driver.node.namesakes import DISCOVERY_S, LOOK_PERIOD_S, Namesakes
 from epson_driver.node.points_interface import PointsInterface
-from epson_driver.node.remedies import error_text
 from epson_driver.node.ros_log import context_of
-from epson_driver.node.ros_time import RosTimeStamps
+from epson_driver.node.ros_process import RosTimeStamps
 from epson_driver.node.servo_interface import ServoInterface
-from epson_driver.node.speed_scaling import SpeedScalingInterface
-from epson_driver.node.static_frames import StaticFrames
-from epson_driver.node.tool_interface import ToolInterface
+from epson_driver.node.tool_interface import StaticFrames, ToolInterface
 from epson_driver.setup.setup import make_setup
 from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
+
+PERIOD_S = 0.05
+"""Time between two published values of a ramp, s."""
+
+
+class SpeedScalingInterface:
+    """Publishes the factor on changes, serves requests. Must be created in the driver's loop."""
+
+    def __init__(self, context: NodeContext) -> None:
+        self._goals = context.driver.goal_queue
+        self._scaling = self._goals.scaling
+        self._bridge = context.bridge
+        self._logger = context.node.get_logger()
+        self._ramp: asyncio.Task[None] | None = None
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._factor = context.node.create_publisher(Float64, '~/speed_scaling', latched)
+        self._factor.publish(Float64(data=self._scaling.target))
+        self._bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve)
+
+    async def _serve(
+        self, request: SetSpeedScaling.Request, response: SetSpeedScaling.Response
+    ) -> SetSpeedScaling.Response:
+        try:
+            response.message = await self._bridge.in_loop(partial(self._set, request.factor))
+            response.success = True
+        except ValueError as error:
+            response.message = str(error)
+            response.success = False
+        self._logger.info(f'~/set_speed_scaling: {response.message}')
+        return response
+
+    async def _set(self, factor: float) -> str:
+        message = self._goals.set_speed(factor)
+        if self._ramp is not None:
+            self._ramp.cancel()
+        self._ramp = asyncio.create_task(self._publish())
+        self._ramp.add_done_callback(report_task_error)
+        return message
+
+    async def _publish(self) -> None:
+        factor = None
+        while factor != self._scaling.target:
+            if factor is not None:
+                await asyncio.sleep(PERIOD_S)
+            factor = self._scaling.factor(asyncio.get_running_loop().time())
+            self._factor.publish(Float64(data=factor))
+
+
+LOOK_PERIOD_S = 0.25
+"""Polling period, s. rclpy has no events for graph changes."""
+
+DISCOVERY_S = 2.0
+"""Time within which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
+
+FAST_DDS = bytes((1, 15))
+"""First bytes of Fast DDS GUIDs, followed by host and process, 16 bits each."""
+
+
+class Namesakes:
+    """Finds namesakes in the ROS graph. Must be created after the services of the node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._names = [
+            node.resolve_service_name('~/follow_joint_trajectory/_action/send_goal'),
+            *(service.service_name for service in node.services),
+        ]
+
+    def __call__(self) -> str:
+        """Return their name and processes as a clause, or '' if none exist."""
+        node = self._node
+        name = next((each for each in self._names if node.handle.get_count_services(each) > 1), '')
+        own = (node.get_name(), node.get_namespace())
+        if not name and node.get_node_names_and_namespaces().count(own) < 2:
+            return ''
+        return (name or node.get_fully_qualified_name()) + self._processes(name)
+
+    def _processes(self, service: str) -> str:
+        """Return the processes of the other nodes, as identified by Fast DDS GUIDs."""
+        found: list[Any] = self._node.get_subscriptions_info_by_topic(
+            f'rq{service}Request', no_mangle=True
+        )
+        guids = {bytes(each.endpoint_gid[:12]) for each in found}
+        known = sorted(guid for guid in guids if guid.startswith(FAST_DDS))
+        own = next((guid for guid in known if _process(guid) == os.getpid() % 2**16), b'')
+        return ''.join(
+            f', process {_process(guid)} (modulo 65536) on '
+            + ('this machine' if guid[2:4] == own[2:4] else f'host {guid[2:4].hex()} of DDS')
+            for guid in known
+            if guid != own
+        )
+
+
+def _process(guid: bytes) -> int:
+    return int.from_bytes(guid[4:6], 'little')
 
 
 class ClientNode:

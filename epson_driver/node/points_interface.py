@@ -24,9 +24,9 @@ from epson_driver.inputs import InputError, number, printable, shown
 from epson_driver.motion import Array
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.loop_bridge import NodeContext
+from epson_driver.node.messages import outcome_text
 from epson_driver.node.motion_primitives import MotionPrimitives
-from epson_driver.node.remedies import outcome_text
-from epson_driver.node.static_frames import BASE, StaticFrames, links, set_values
+from epson_driver.node.tool_interface import BASE, StaticFrames, links, set_values
 from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints, taught
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 

@@ -1,12 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of setpoint streams (docs/servo.md). Each message is passed to the driver."""
+"""The topics of setpoint streams (docs/servo.md): reads each message, and passes it on."""
 
+import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
 from control_msgs.msg import JointJog
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -14,16 +16,150 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.driver.servo.arrivals import Arrivals, came_at
-from epson_driver.driver.servo.setpoint import Setpoint
+from epson_driver.driver.servo.setpoint import Setpoint, Window
+from epson_driver.motion import Array
 from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
-from epson_driver.node.setpoint_messages import (
-    SetpointError,
-    from_jog,
-    from_joint_state,
-    from_positions,
-    from_trajectory,
-    from_velocities,
-)
+from epson_driver.node.trajectory_messages import duration_in_s
+
+MAX_AHEAD_S = 0.5
+"""Maximum end of a window, s from now. A longer one is a trajectory and must be sent as a goal."""
+
+MAX_AGE_S = 0.5
+"""Maximum age of a window's end, s. An older one is late, or stamped by another clock."""
+
+MAX_POINTS = 500
+"""Maximum number of future points in a window: one per millisecond of the longest one."""
+
+
+class SetpointError(ValueError):
+    """A message is not a valid setpoint. The text is the reason."""
+
+
+def from_trajectory(
+    message: JointTrajectory, names: Sequence[str], source: str, now: float
+) -> Setpoint:
+    """Return a single point, or a window that starts with the last past point.
+
+    `now`: the time of ROS, s. Raises SetpointError.
+    """
+    last = message.points[-1]
+    stamp = duration_in_s(message.header.stamp)
+    ahead = duration_in_s(last.time_from_start) + (stamp - now if stamp else 0.0)
+    if ahead > MAX_AHEAD_S:
+        raise SetpointError(
+            f'it ends in {ahead:.3g} s, more than {MAX_AHEAD_S:g} s: that is a trajectory, for '
+            '~/joint_trajectory or the action (or the clocks differ)'
+        )
+    if ahead < -MAX_AGE_S:
+        raise SetpointError(f'it ended {-ahead:.3g} s ago: it came late, or the clocks differ')
+    positions = _values('positions', last.positions, message.joint_names, names)
+    velocities = _values('velocities', last.velocities, message.joint_names, names)
+    window = None if positions is None else _window(message, names, stamp - now if stamp else 0.0)
+    return _setpoint(source, positions, velocities, window)
+
+
+def from_joint_state(message: JointState, names: Sequence[str], source: str) -> Setpoint:
+    """Return positions, with velocities if available, or velocities alone.
+
+    Raises SetpointError.
+    """
+    return _setpoint(
+        source,
+        _values('position', message.position, message.name, names),
+        _values('velocity', message.velocity, message.name, names),
+    )
+
+
+def from_positions(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
+    """Return positions in the controller's order. Raises SetpointError."""
+    return _setpoint(source, _values('data', message.data, names, names), None)
+
+
+def from_velocities(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
+    """Return velocities in the controller's order. Raises SetpointError."""
+    return _setpoint(source, None, _values('data', message.data, names, names))
+
+
+def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
+    """Return the velocities of the named joints, and 0 for the others.
+
+    Raises SetpointError.
+    """
+    if message.displacements:
+        raise SetpointError('displacements are not supported: use velocities')
+    _check_names(message.joint_names, names, complete=False)
+    if len(message.velocities) != len(message.joint_names):
+        raise SetpointError(
+            f'{len(message.velocities)} velocities for {len(message.joint_names)} joints'
+        )
+    velocities = np.zeros(len(names))
+    for name, velocity in zip(message.joint_names, message.velocities, strict=True):
+        velocities[list(names).index(name)] = velocity
+    return _setpoint(source, None, velocities)
+
+
+def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
+    """Return the future points and the one before, or None if these are fewer than two.
+
+    `first`: the time of time_from_start = 0, s from now. Velocities are ignored unless all points
+    have them. Raises SetpointError.
+    """
+    passed = 0
+    times = [first + duration_in_s(point.time_from_start) for point in message.points]
+    for passed in range(len(times) - 1, -1, -1):
+        if times[passed] <= 0.0:
+            break
+    times, points = times[passed:], message.points[passed:]
+    if len(points) < 2:
+        return None
+    if len(points) > MAX_POINTS:
+        raise SetpointError(f'more than {MAX_POINTS} points are to come')
+    if any(after <= before for before, after in itertools.pairwise(times)):
+        raise SetpointError('time_from_start does not increase from point to point')
+    given = message.joint_names
+    positions = [_values('positions', point.positions, given, names) for point in points]
+    if any(each is None for each in positions):
+        raise SetpointError('some of its points have no positions')
+    velocities = [_values('velocities', point.velocities, given, names) for point in points]
+    known = all(each is not None for each in velocities)
+    return Window(np.array(times), np.array(positions), np.array(velocities) if known else None)
+
+
+def _setpoint(
+    source: str,
+    positions: Array | None,
+    velocities: Array | None,
+    window: Window | None = None,
+) -> Setpoint:
+    if positions is None and velocities is None:
+        raise SetpointError('it has neither positions nor velocities')
+    return Setpoint(source, positions, velocities, window)
+
+
+def _values(
+    field: str, values: Sequence[float], given: Sequence[str], names: Sequence[str]
+) -> Array | None:
+    """Return values in the order of `names`, or None without values."""
+    _check_names(given, names, complete=True)
+    if not len(values):
+        return None
+    if len(values) != len(names):
+        raise SetpointError(f'{len(values)} values in {field} for {len(names)} joints')
+    order: Any = list(given)
+    return np.array(values, dtype=float)[[order.index(name) for name in names]]
+
+
+def _check_names(given: Sequence[str], names: Sequence[str], *, complete: bool) -> None:
+    """Raise SetpointError for unknown, repeated or missing joints."""
+    for name in given:
+        if name not in names:
+            raise SetpointError(f'unknown joint {name!r}')
+    if len(set(given)) != len(given):
+        raise SetpointError('a joint is there twice')
+    missing = [name for name in names if name not in given]
+    if complete and missing:
+        raise SetpointError(f'it lacks {", ".join(missing)}')
+
 
 SETPOINT_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

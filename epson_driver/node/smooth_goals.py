@@ -47,8 +47,14 @@ from epson_driver.motion.smoother import Mode
 from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.node import messages
 from epson_driver.node.downstream import ArmState, Downstream, Sent
-from epson_driver.node.goal_action import CANCELED, ActionType, GoalAction, OnEnd
-from epson_driver.node.goal_requests import check_unsupported, start_time
+from epson_driver.node.goal_action import (
+    CANCELED,
+    ActionType,
+    GoalAction,
+    OnEnd,
+    check_unsupported,
+    start_time,
+)
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.parameters import declare_rows, undeclared

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
-from epson_driver.robots.link_surfaces import link_surfaces
+from epson_driver.robots.urdf import link_surfaces
 
 
 def packed_arm(model: RobotModel) -> dict[str, Any]:

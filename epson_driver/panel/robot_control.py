@@ -15,8 +15,7 @@ import numpy as np
 from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.arming import Arming
 from epson_driver.panel.jog import Jog
-from epson_driver.panel.robot import Robot
-from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Simulation
+from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Robot, Simulation
 from epson_driver.panel.sim_pendant import NotSimulatedError, SimPendant
 from epson_driver.remote_ethernet.hand import ACTIONS, Action, UsageError, action
 from epson_driver.robots import RobotModel, load_robot_model

@@ -17,9 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from epson_driver.node.ros_thread import RosThread
-from epson_driver.node.ros_transport import udp_by_default
-from epson_driver.node.sampling import level, sampled, take_all
+from epson_driver.node.ros_process import RosThread, level, sampled, take_all, udp_by_default
 from epson_driver.panel.robot_state import MAX_EVENTS, Event
 from epson_driver.panel.ros_robot import RosRobot
 

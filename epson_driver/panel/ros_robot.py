@@ -35,11 +35,10 @@ from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, Trajectory
 from epson_driver.node.joint_reader import MAX_POSITION, JointReader
-from epson_driver.node.sampling import sampled as subscribed
-from epson_driver.node.sampling import take
+from epson_driver.node.ros_process import sampled as subscribed
+from epson_driver.node.ros_process import take
 from epson_driver.node.trajectory_messages import duration_in_s, trajectory_message
 from epson_driver.panel.driver_points import DriverPoints
-from epson_driver.panel.robot import Say
 from epson_driver.panel.robot_state import (
     ERROR,
     INFO,
@@ -49,6 +48,7 @@ from epson_driver.panel.robot_state import (
     IoRange,
     RequestError,
     RobotState,
+    Say,
     Status,
     Tri,
 )

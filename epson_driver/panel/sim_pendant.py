@@ -15,8 +15,7 @@ from typing import Any
 
 from epson_driver.panel.access import is_loopback
 from epson_driver.panel.robot_state import RequestError, Simulation
-from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import Ask, RemoteError, RemoteErrorNumber, logged_in
 from epson_driver.remote_ethernet.hand import Action, RefusedError, do
 
 POLL_PERIOD_S = 0.4

@@ -1,12 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command that starts a module of this package as a process, and the file that it runs.
+"""The executables, and the command that starts a module of this package as a process.
 
 With -P, Python imports nothing from the current folder, so a `random.py` there is not executed.
 The package is imported from the location of this file. The environment is unchanged, so modules in
 PYTHONPATH are found, as a sourced workspace needs.
 """
 
+import os
 import sys
 from pathlib import Path
 from runpy import run_module
@@ -30,6 +31,40 @@ def _run() -> None:
         sys.path.insert(0, root)
     module = sys.argv.pop(1)
     run_module(module, run_name='__main__', alter_sys=True)
+
+
+def open_closed_streams() -> None:
+    """Open closed standard streams, before any other file is opened.
+
+    Otherwise the next socket would have number 1 or 2, and the log output of C++ libraries would
+    be sent to a robot or to ROS.
+    """
+    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # it gets the lowest free number
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, 'w' if number else 'r', closefd=False))
+            setattr(sys, f'__{name}__', getattr(sys, name))
+
+
+EXECUTABLES = {
+    'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
+    'sim_controller': 'a simulated EPSON controller',
+    'demo': 'both of them, and a planned trajectory executed, with a report',
+    'fleet': 'many simulated robots with their drivers, and how they do',
+    'panel': 'the robots in a browser: 3D, lamps, curves, log and buttons',
+    'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
+    'smooth_goals': 'the same for goals, in front of any driver: FollowJointTrajectory in and out',
+    'exercise': 'your own program against the simulated controller, once per fault',
+    'doctor': 'what is wrong from this machine to the controller, and what to do',
+    'first-run': 'the first day with a real robot, step by step, into one file',
+    'report': 'what happened in a run, from a trace or a bag, as one HTML page',
+    'robots': 'list the robot models, with their numbers and where those come from',
+    'spel': 'check and test EPSON programs (SPEL+) without a robot',
+    'pendant': 'do what a person does at the controller: motors, E-stop, reset, status',
+}
 
 
 if __name__ == '__main__':

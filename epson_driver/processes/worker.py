@@ -15,8 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from epson_driver.processes.command import module_command
-from epson_driver.processes.standard_streams import open_closed_streams
+from epson_driver.processes.command import module_command, open_closed_streams
 
 PREFIX = struct.Struct('=IIQ')
 """Checksum of the body, and the number of bytes of the text and of the arrays."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A client of EPSON's Remote Ethernet, for motors, reset and status.
+"""EPSON's Remote Ethernet: its error numbers, and a client for motors, reset and status.
 
     flags, code = (await execute(host, 5000, ['GetStatus'], timeout=2.0))[0].split(',')
 
@@ -9,13 +9,46 @@ such port.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from enum import IntEnum
 from functools import partial
+from typing import Any, TypeVar
 
 from epson_driver.inputs import printable
-from epson_driver.remote_ethernet.errors import MEANINGS
 from epson_driver.socket_errors import reason
+
+
+class RemoteErrorNumber(IntEnum):
+    """Error numbers of Remote Ethernet (RC+ 5.0 and 8.0 user's guides)."""
+
+    NO_DOLLAR = 10
+    BAD_COMMAND = 11
+    FORMAT = 12
+    PASSWORD = 13
+    COUNT = 14
+    PARAMETER = 15
+    TIMEOUT = 19
+    NOT_READY = 20
+    EXECUTING = 21
+    PASSWORD_NEEDED = 98
+    SYSTEM = 99
+
+
+MEANINGS: dict[int, str] = {
+    RemoteErrorNumber.NO_DOLLAR: 'the command does not begin with $',
+    RemoteErrorNumber.BAD_COMMAND: 'the command is unknown, or nobody is logged in',
+    RemoteErrorNumber.FORMAT: 'the format of the command is wrong',
+    RemoteErrorNumber.PASSWORD: 'the password is wrong',
+    RemoteErrorNumber.COUNT: 'the number of values asked for is wrong',
+    RemoteErrorNumber.PARAMETER: 'a parameter is wrong',
+    RemoteErrorNumber.TIMEOUT: 'the controller took too long',
+    RemoteErrorNumber.NOT_READY: 'the controller does not accept it in its present condition',
+    RemoteErrorNumber.EXECUTING: 'another command is being executed',
+    RemoteErrorNumber.PASSWORD_NEEDED: 'a password is needed',
+    RemoteErrorNumber.SYSTEM: 'system error or communication error',
+}
+
 
 _MAX_LINE_BYTES = 65_536
 _MAX_SHOWN_CHARACTERS = 100
@@ -204,3 +237,54 @@ def without_password(command: str) -> str:
     """Return a command without a password, for display."""
     name = command.partition(',')[0]
     return name if name.lower() == 'login' else command
+
+
+T = TypeVar('T')
+
+
+class GaveWayError(ConnectionError):
+    """A more urgent dialogue needed the remote port."""
+
+    def __init__(self) -> None:
+        super().__init__('the remote port was needed for the motors')
+
+
+class RemoteTurns:
+    """Allows one dialogue at a time on the port, motors first. For one event loop."""
+
+    def __init__(self) -> None:
+        self._lock = asyncio.Lock()
+        self._urgent = 0
+        self._patient: asyncio.Task[Any] | None = None
+
+    @asynccontextmanager
+    async def urgent(self) -> AsyncIterator[None]:
+        """Acquire the port. A patient dialogue is cancelled, an urgent one is awaited."""
+        self._urgent += 1
+        try:
+            if self._patient is not None:
+                self._patient.cancel()
+            async with self._lock:
+                yield
+        finally:
+            self._urgent -= 1
+
+    async def patient(self, dialogue: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Wait for the port, run a dialogue, and return its result.
+
+        Raises the dialogue's exceptions, and GaveWayError if an urgent dialogue needs the port.
+        """
+        async with self._lock:
+            if self._urgent:
+                raise GaveWayError
+            task = asyncio.create_task(dialogue())
+            self._patient = task
+            try:
+                await asyncio.wait([task])
+            finally:
+                self._patient = None
+                task.cancel()  # has an effect only if the waiting caller was cancelled
+                await asyncio.gather(task, return_exceptions=True)
+            if task.cancelled():
+                raise GaveWayError
+            return task.result()

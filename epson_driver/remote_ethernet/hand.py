@@ -8,8 +8,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from epson_driver.remote_ethernet.client import Ask, RemoteError
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import Ask, RemoteError, RemoteErrorNumber
 
 MAX_ECHO_CHARACTERS = 200
 """Maximum number of characters of the input in an error text."""

@@ -20,10 +20,10 @@ from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import MEGABYTE, InputError, open_file, printable, read_yaml
 from epson_driver.motion import Array
 from epson_driver.report.bag_types import typestore
-from epson_driver.report.condition_events import condition_events
 from epson_driver.report.run import (
     FLAGS,
     NANOSECONDS,
+    Arrival,
     Condition,
     Event,
     Plan,
@@ -32,8 +32,9 @@ from epson_driver.report.run import (
     RunError,
     Traffic,
     array,
+    condition_events,
+    sent_times,
 )
-from epson_driver.report.sent_times import Arrival, sent_times
 from epson_driver.report.trace_run import LINK_LOST
 
 MAGIC = b'\x89MCAP0\r\n'

@@ -2,12 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run, independent of its source. Times are s since its beginning."""
 
-from collections.abc import Sequence
+import itertools
+import statistics
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from epson_driver.driver.state.sender_clock import SenderClock
+from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import Array
+from epson_driver.simple_message import Mode
 
 UNKNOWN, NO, YES = -1, 0, 1
 """Values of industrial_msgs/TriState."""
@@ -115,3 +120,92 @@ def array(values: Sequence[object], columns: int | None = None) -> Array:
     """Return numbers as an array of shape (k,) or (k, columns), also for k = 0."""
     found = np.array(values, dtype=float)
     return found if columns is None else found.reshape(-1, columns)
+
+
+MIN_MESSAGES = 20
+"""Minimum number of messages for an estimate. With fewer, the arrival times are used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A state message: its arrival time, and the controller's own time stamp, if any, s."""
+
+    time: float
+    joints: bool
+    told: float | None = None
+
+
+def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
+    """Return the sending times of one connection's messages with joints, ascending, s.
+
+    The times are on the receiver's clock and never later than the arrival.
+    """
+    if len(arrivals) < MIN_MESSAGES:
+        return [each.time for each in arrivals if each.joints]
+    gaps = [b.time - a.time for a, b in itertools.pairwise(arrivals)]
+    clock = SenderClock(max(statistics.fmean(sorted(gaps)[: -len(gaps) // 20 or None]), 1e-4))
+    sent: list[float] = []
+    since: list[float] = []
+    """The clock's time of each message."""
+    told: float | None = None
+    for each in arrivals:
+        passed = None
+        if each.told is not None:
+            passed = each.told - told if told is not None and each.told > told else None
+            told = each.told
+        gap = clock.gap
+        shift = clock.step(each.time, passed)
+        if shift and gap is not None:
+            for index in reversed(range(len(since))):
+                if since[index] < gap:
+                    break
+                since[index] += shift
+                sent[index] = min(sent[index] + shift, each.time)
+        if each.joints:
+            since.append(clock.time)
+            sent.append(max(clock.measured, sent[-1] + 1e-6) if sent else clock.measured)
+    return sent
+
+
+CHANGES = {
+    ('drives_powered', YES): ('info', 'motors on', ''),
+    ('drives_powered', NO): ('warning', 'motors off', 'call ~/enable when the arm may move again'),
+    ('e_stopped', YES): (
+        'error',
+        'E-stop pressed',
+        'release it, call ~/reset_error or reset at the controller, then ~/enable',
+    ),
+    ('e_stopped', NO): ('info', 'E-stop released', ''),
+    ('in_error', NO): ('info', 'no error any more', 'call ~/enable when the arm may move again'),
+}
+"""Events for changes of a flag: level, text, remedy. Motion is shown in the curves."""
+
+OTHERWISE = "look up the number in the controller's manual, reset, then ~/enable"
+
+
+def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iterator[Event]:
+    """Yield the errors in the first condition, and the changes from each one to the next."""
+    before: Condition | None = None
+    for now in conditions:
+        for flag, value in CHANGES:
+            is_new = before is None or before.flag(flag) != value
+            told = CHANGES[flag, value]
+            if now.flag(flag) == value and is_new and (before is not None or told[0] == 'error'):
+                yield Event(now.time, *told)
+        known = () if before is None else before.error_codes
+        for code in now.error_codes:
+            if code not in known:
+                phrase = texts.phrase(code)
+                yield Event(now.time, 'error', f'error {phrase}', texts.advice(code, OTHERWISE))
+        new_error = before is None or before.flag('in_error') != YES
+        if now.flag('in_error') == YES and new_error and not now.error_codes:
+            yield Event(now.time, 'error', 'error without a number', OTHERWISE)
+        if before is not None and now.mode != before.mode and now.mode in (1, 2):
+            manual = now.mode == Mode.MANUAL
+            yield Event(
+                now.time,
+                'warning' if manual else 'info',
+                'key switch: manual' if manual else 'key switch: automatic',
+                'turn it back for motion from ROS' if manual else '',
+            )
+        before = now

@@ -13,8 +13,7 @@ import numpy as np
 from epson_driver.inputs import write_file
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.interpolation import Interpolation, central_differences
-from epson_driver.motion.motion_figures import Figures, measure
-from epson_driver.motion.passages import passed
+from epson_driver.motion.passages import Figures, measure, passed
 
 SAMPLE_RATE_HZ = 1000.0
 """Samples per second of point-to-point motion and of the spline."""

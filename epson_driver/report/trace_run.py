@@ -14,9 +14,9 @@ from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import printable
 from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
 from epson_driver.motion import JointLimits
-from epson_driver.report.condition_events import condition_events
 from epson_driver.report.run import (
     NANOSECONDS,
+    Arrival,
     Condition,
     Event,
     Plan,
@@ -25,8 +25,9 @@ from epson_driver.report.run import (
     RunError,
     Traffic,
     array,
+    condition_events,
+    sent_times,
 )
-from epson_driver.report.sent_times import Arrival, sent_times
 from epson_driver.simple_message import (
     CommType,
     Frame,

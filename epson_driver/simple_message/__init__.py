@@ -12,28 +12,24 @@ dialect)` is the reverse.
 """
 
 from epson_driver.simple_message.constants import (
-    MAX_JOINTS,
-    CommType,
-    MessageType,
-    Mode,
-    ReplyCode,
-    SpecialSequence,
-    TriState,
-    ValidFields,
-)
-from epson_driver.simple_message.dialect import (
     BIG_ENDIAN,
     LITTLE_ENDIAN,
-    ByteOrder,
-    Dialect,
-    Real,
-)
-from epson_driver.simple_message.errors import (
+    MAX_JOINTS,
     BodyError,
+    ByteOrder,
+    CommType,
+    Dialect,
     FieldError,
     FrameError,
     HeaderError,
+    MessageType,
+    Mode,
+    Real,
+    ReplyCode,
     SimpleMessageError,
+    SpecialSequence,
+    TriState,
+    ValidFields,
 )
 from epson_driver.simple_message.framer import Frame, Framer
 from epson_driver.simple_message.io_messages import (

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of the simple message protocol (REP-I0004 message ids, REP-I0006 structures)."""
+"""Numbers, number formats and errors of the protocol (ids: REP-I0004, structures: REP-I0006)."""
 
-from enum import IntEnum, IntFlag
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum, IntFlag
 
 MAX_JOINTS = 10
 """Number of values in every message with joint data. Unused ones are 0.0."""
@@ -88,3 +89,72 @@ class ValidFields(IntFlag):
     POSITION = 2
     VELOCITY = 4
     ACCELERATION = 8
+
+
+class ByteOrder(Enum):
+    """Byte order of every int and real. The value is `struct`'s prefix."""
+
+    LITTLE = '<'
+    BIG = '>'
+
+
+class Real(Enum):
+    """Width of `shared_real`. The value is `struct`'s code."""
+
+    FLOAT32 = 'f'
+    FLOAT64 = 'd'
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """Byte order and real width of one controller. EPSON's RC620 (x86): little endian, float32."""
+
+    byte_order: ByteOrder = ByteOrder.LITTLE
+    real: Real = Real.FLOAT32
+    number: int = field(init=False, repr=False, compare=False)
+    """Index, 0 to 3, for values stored per dialect (`DIALECTS`)."""
+
+    def __post_init__(self) -> None:
+        number = 2 * (self.byte_order is ByteOrder.BIG) + (self.real is Real.FLOAT64)
+        object.__setattr__(self, 'number', number)
+
+    def __str__(self) -> str:
+        return f'{self.byte_order.name.lower()} endian with {self.real.name.lower()}'
+
+
+LITTLE_ENDIAN = Dialect()
+BIG_ENDIAN = Dialect(ByteOrder.BIG)
+
+DIALECTS = tuple(Dialect(order, real) for order in ByteOrder for real in Real)
+"""All dialects by number."""
+
+
+class SimpleMessageError(ValueError):
+    """A field of a frame or message breaks a rule of the protocol.
+
+    `field`: the field's name on the wire (`length`, `msg_type`, `comm_type`, `reply_code`, `body`,
+    or a body field such as `sequence` or `joints[3]`). `value`: its invalid value. `rule`: the
+    allowed values.
+    """
+
+    def __init__(self, field: str, value: object, rule: str) -> None:
+        super().__init__(f'{field} = {value!r}: {rule}')
+        self.field = field
+        self.value = value
+        self.rule = rule
+
+
+class FrameError(SimpleMessageError):
+    """An impossible length prefix. The position in the stream is lost."""
+
+
+class HeaderError(SimpleMessageError):
+    """The header words contradict REP-I0006. The stream position is still valid."""
+
+
+class BodyError(SimpleMessageError):
+    """The body does not fit the message type. The stream position is still valid."""
+
+
+class FieldError(SimpleMessageError):
+    """A value cannot be encoded (wrong count, or out of range of the wire type)."""

@@ -17,9 +17,7 @@ The byte order is detected from the first length. A length that is valid in one 
 import struct
 from typing import NamedTuple
 
-from epson_driver.simple_message.constants import CommType, MessageType
-from epson_driver.simple_message.dialect import ByteOrder
-from epson_driver.simple_message.errors import FrameError
+from epson_driver.simple_message.constants import ByteOrder, CommType, FrameError, MessageType
 
 PREFIX_SIZE = 4
 HEADER_SIZE = 12

@@ -7,9 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import Any
 
-from epson_driver.simple_message.constants import MessageType
-from epson_driver.simple_message.dialect import ByteOrder, Dialect, Real
-from epson_driver.simple_message.errors import BodyError, FieldError
+from epson_driver.simple_message.constants import (
+    BodyError,
+    ByteOrder,
+    Dialect,
+    FieldError,
+    MessageType,
+    Real,
+)
 from epson_driver.simple_message.io_messages import (
     IoAddress,
     IoInfoReply,

@@ -15,9 +15,15 @@ from itertools import product
 from operator import itemgetter
 from typing import Any, Protocol
 
-from epson_driver.simple_message.constants import MessageType
-from epson_driver.simple_message.dialect import DIALECTS, ByteOrder, Dialect, Real
-from epson_driver.simple_message.errors import BodyError, FieldError
+from epson_driver.simple_message.constants import (
+    DIALECTS,
+    BodyError,
+    ByteOrder,
+    Dialect,
+    FieldError,
+    MessageType,
+    Real,
+)
 from epson_driver.simple_message.framer import HEADER_SIZE, PREFIX_SIZE
 from epson_driver.simple_message.io_layouts import IO_REPLY_ROWS, IO_ROWS
 from epson_driver.simple_message.io_messages import IoInfo

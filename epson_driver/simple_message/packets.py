@@ -5,9 +5,17 @@
 import struct
 from typing import NamedTuple
 
-from epson_driver.simple_message.constants import CommType, ReplyCode
-from epson_driver.simple_message.dialect import LITTLE_ENDIAN, ByteOrder, Dialect, Real
-from epson_driver.simple_message.errors import BodyError, FieldError, HeaderError
+from epson_driver.simple_message.constants import (
+    LITTLE_ENDIAN,
+    BodyError,
+    ByteOrder,
+    CommType,
+    Dialect,
+    FieldError,
+    HeaderError,
+    Real,
+    ReplyCode,
+)
 from epson_driver.simple_message.framer import (
     HEADER_SIZE,
     MAX_LENGTH,

@@ -160,7 +160,7 @@ def test_moveit_servo_publishes_to_the_trajectory_topic() -> None:
     assert servo['command_out_type'] == 'trajectory_msgs/JointTrajectory'
     assert servo['publish_joint_positions']
     assert servo['publish_joint_velocities']
-    assert servo['max_expected_latency'] < 0.5  # epson_driver.node.setpoint_messages.MAX_AHEAD_S
+    assert servo['max_expected_latency'] < 0.5  # epson_driver.node.servo_interface.MAX_AHEAD_S
     assert servo['move_group_name'] == 'manipulator'
 
 

@@ -19,8 +19,7 @@ from support.interrupts import obey_interrupts
 from epson_driver.cli import __main__ as main
 from epson_driver.cli.arguments import if_in_use
 from epson_driver.processes import processes
-from epson_driver.processes.command import module_command, safe_python
-from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.command import EXECUTABLES, module_command, safe_python
 from epson_driver.processes.interrupt import ENDING
 
 

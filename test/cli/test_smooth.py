@@ -9,8 +9,7 @@ import pytest
 
 from epson_driver.cli import smooth
 from epson_driver.motion import Trajectory, problems
-from epson_driver.motion.motion_figures import measure
-from epson_driver.motion.passages import passed
+from epson_driver.motion.passages import measure, passed
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.smooth_study import column, point_to_point, spline
 from epson_driver.robots import load_robot_model

@@ -19,7 +19,7 @@ from support.event_loop import until
 from support.pages import unwrapped
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.command import EXECUTABLES
 from epson_driver.profiles import load_controller_profile
 from epson_driver.setup.setup import make_setup
 from epson_driver.setup.table import ROWS

@@ -22,7 +22,8 @@ from epson_driver.driver.smoothing import (
 )
 from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.driver.state.joint_mapping import unmapped
-from epson_driver.motion import Trajectory, evened, problems
+from epson_driver.motion import Trajectory, problems
+from epson_driver.motion import smoothed as smoothed_module
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode
@@ -130,7 +131,7 @@ def test_a_tolerance_is_for_motions_that_are_planned_in_the_times_given(smoothin
 
 
 def test_the_driver_knows_the_least_tolerance_of_the_smoother():
-    assert evened.MIN_TOLERANCE == MIN_TOLERANCE
+    assert smoothed_module.MIN_TOLERANCE == MIN_TOLERANCE
 
 
 def test_retiming_keeps_the_points_of_the_plan():

@@ -15,10 +15,9 @@ from epson_driver.cli import exercise
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.exercise import cell as cell_module
 from epson_driver.exercise import runner
-from epson_driver.exercise.cases import CASES
-from epson_driver.exercise.cell import SimulatedCell
+from epson_driver.exercise.cell import SimulatedCell, standstill
 from epson_driver.exercise.judge import Observed
-from epson_driver.exercise.observer import standstill
+from epson_driver.exercise.runner import CASES
 from epson_driver.inputs import printable
 from epson_driver.node.goal_action import outcome_line
 from epson_driver.processes import interrupt, processes

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from epson_driver.exercise.cases import CASES, said
+from epson_driver.exercise.cell import MOVED, standstill
 from epson_driver.exercise.judge import GOOD, Observed, Result, Verdict, judge, junit
-from epson_driver.exercise.observer import MOVED, standstill
+from epson_driver.exercise.runner import CASES, said
 from epson_driver.remote_ethernet.hand import action
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 

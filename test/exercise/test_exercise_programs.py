@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from epson_driver.cli import exercise as command
-from epson_driver.exercise.cases import CASES
+from epson_driver.exercise.runner import CASES
 
 PROGRAMS = Path(__file__).parent / 'programs'
 

@@ -11,9 +11,8 @@ from support.event_loop import now, run, stand_still, until
 from support.link_harness import Harness, Peer, frame, joints
 
 from epson_driver.link import Link, link_reports
-from epson_driver.link.connection import MAX_FRAMES_PER_TURN
+from epson_driver.link.connection import MAX_FRAMES_PER_TURN, SLICES, ReceiveTimeout, silent
 from epson_driver.link.link_reports import MAX_SHORT, LinkReports
-from epson_driver.link.receive_timeout import SLICES, ReceiveTimeout, silent
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 
 

@@ -9,8 +9,8 @@ from support.smoother_harness import ARM
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import Mode, Smoother
 from epson_driver.motion.smoother.commanded_times import SMOOTHED_S, problem_of
-from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import through
+from epson_driver.motion.smoother.problem import Effort
 
 PLACES = 20_000
 """Per segment, for the time that it takes."""

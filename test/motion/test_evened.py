@@ -9,9 +9,8 @@ import pytest
 from support.examples import one_in
 
 from epson_driver.motion import JointLimits, Trajectory, smooth
-from epson_driver.motion.evened import MIN_TOLERANCE, evened
-from epson_driver.motion.motion_figures import measure
-from epson_driver.motion.passages import passed
+from epson_driver.motion.passages import measure, passed
+from epson_driver.motion.smoothed import MIN_TOLERANCE, evened
 from epson_driver.robots import load_robot_model
 
 ARM = load_robot_model('c3_a601s').limits

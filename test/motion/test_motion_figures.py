@@ -8,8 +8,7 @@ from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN, motion_of
 
 from epson_driver.motion import Trajectory
 from epson_driver.motion import passages as passages_module
-from epson_driver.motion.motion_figures import commanded_rests, measure
-from epson_driver.motion.passages import passages, passed
+from epson_driver.motion.passages import commanded_rests, measure, passages, passed
 from epson_driver.motion.smoothed import smoothed
 
 TIMES = np.arange(0.0, 4.0005, 0.001)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
-from epson_driver.motion import ruckig_trajectory
+from epson_driver.motion import point_to_point
 from epson_driver.motion.joint_motion import fastest_stop
-from epson_driver.motion.point_to_point import solve
-from epson_driver.motion.ruckig_trajectory import calculated
+from epson_driver.motion.point_to_point import calculated, solve
 from epson_driver.motion.smoother import ruckig_move
 from epson_driver.robots import load_robot_model
 
@@ -67,7 +66,7 @@ def test_a_move_whose_speed_is_reached_just_at_the_end_of_its_ramps_is_found():
         inp.target_position, inp.max_velocity, inp.max_acceleration, inp.max_jerk = (
             [value] for value in rounded.tolist()
         )
-        missed += ruckig_trajectory._calculated(inp) is None
+        missed += point_to_point._calculated(inp) is None
         assert solve(inp).duration == pytest.approx(4.0 * ramp, rel=1e-6)
         assert inp.max_jerk == [rounded[3]]
     assert missed, 'Ruckig has mended that: less is needed'
@@ -76,7 +75,7 @@ def test_a_move_whose_speed_is_reached_just_at_the_end_of_its_ramps_is_found():
 @pytest.mark.invariant(2, 3)
 def test_inv2_where_ruckig_raises_for_all_joints_together_each_stops_by_itself(monkeypatch):
     together = fastest_stop(LIMITS, STATE)
-    monkeypatch.setattr(ruckig_trajectory, 'Ruckig', RaisingTogether)
+    monkeypatch.setattr(point_to_point, 'Ruckig', RaisingTogether)
     motion = fastest_stop(LIMITS, STATE)
     assert motion.within(LIMITS)
     assert np.array_equal(motion.states[:, :, 0], STATE)

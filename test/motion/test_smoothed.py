@@ -10,8 +10,7 @@ import pytest
 from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN
 
 from epson_driver.motion import JointLimits, Trajectory
-from epson_driver.motion.motion_figures import measure
-from epson_driver.motion.passages import passed
+from epson_driver.motion.passages import measure, passed
 from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 

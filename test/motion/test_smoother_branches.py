@@ -13,11 +13,10 @@ from benchmark.family_members import FamilyMember, inside, members, splined
 from benchmark.limit_sets import limit_set
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Mode, Smoother, planner
-from epson_driver.motion.smoother.effort import MAX_EFFORT_US, Effort
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import BRANCH
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.problem import MAX_EFFORT_US, Effort, Problem
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
 from epson_driver.share import share_file

@@ -22,9 +22,9 @@ from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectoryPoi
 
 from epson_driver.driver.goal.goal import checked_goal
 from epson_driver.driver.outcome import GoalRejectedError
-from epson_driver.node.goal_requests import GoalRequests
-from epson_driver.node.gripper_server import refusal
-from epson_driver.node.motion_primitive_messages import primitives_from_message
+from epson_driver.node.goal_action import GoalRequests
+from epson_driver.node.io_interface import refusal
+from epson_driver.node.motion_primitives import primitives_from_message
 from epson_driver.robots import load_robot_model
 from epson_driver.setup.setup import make_setup
 

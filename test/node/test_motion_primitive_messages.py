@@ -9,7 +9,7 @@ from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSeq
 from geometry_msgs.msg import PoseStamped
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
+from epson_driver.node.motion_primitives import primitive_result, primitives_from_message
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import rotation_of_uvw
 from epson_driver.tool_motion.motion_sequence import Kind

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
 
-from epson_driver.node.namesakes import Namesakes
+from epson_driver.node.node import Namesakes
 from epson_driver.processes.processes import free_ros_domain
 
 MakeNode = Callable[..., Node]

@@ -17,10 +17,10 @@ from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.node import goal_action, goal_server, gripper_server
+from epson_driver.node import goal_action, goal_server, io_interface
 from epson_driver.node.goal_action import ActionType, GoalAction
 from epson_driver.node.goal_server import GoalServer
-from epson_driver.node.gripper_server import GripperServer
+from epson_driver.node.io_interface import GripperServer
 from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.setup.setup import make_setup
@@ -251,8 +251,8 @@ def test_setpoint_is_accepted_or_rejected_and_an_empty_one_stops(made, monkeypat
     [(DriverEndedError(), 'the driver has ended'), (ZeroDivisionError('x'), None)],
 )
 def test_gripper_goal_with_unknown_state_is_aborted(made, monkeypatch, error, logged):
-    monkeypatch.setattr(gripper_server, 'ActionServer', lambda *_, **__: None)
-    wiring = gripper_server.GripperWiring(
+    monkeypatch.setattr(io_interface, 'ActionServer', lambda *_, **__: None)
+    wiring = io_interface.GripperWiring(
         open_output=0, close_output=1, opened_input=0, closed_input=1
     )
     server = GripperServer(context(made, io=None), wiring)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from epson_driver.node.ros_time import RosTimeStamps
+from epson_driver.node.ros_process import RosTimeStamps
 
 pytestmark = pytest.mark.invariant(6, 8)
 

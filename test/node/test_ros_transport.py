@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from epson_driver.node import ros_transport
-from epson_driver.node.ros_transport import PROFILES, RANGE, TRANSPORTS, udp_by_default
+from epson_driver.node import ros_process
+from epson_driver.node.ros_process import PROFILES, RANGE, TRANSPORTS, udp_by_default
 
 NAMES = (*PROFILES, TRANSPORTS, RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
@@ -76,7 +76,7 @@ def test_user_s_configuration_takes_precedence(
         (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
     elif name == 'another middleware':
         cyclone = 'rmw_cyclonedds_cpp'
-        monkeypatch.setattr(ros_transport, 'get_rmw_implementation_identifier', lambda: cyclone)
+        monkeypatch.setattr(ros_process, 'get_rmw_implementation_identifier', lambda: cyclone)
     else:
         variables = {name: 'LARGE_DATA'}
     assert changed(monkeypatch, **variables) == ({}, '')

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.servo.setpoint import Mode, Setpoint
-from epson_driver.node.setpoint_messages import (
+from epson_driver.node.servo_interface import (
     SetpointError,
     from_jog,
     from_joint_state,

@@ -12,8 +12,9 @@ from geometry_msgs.msg import Pose
 from support.examples import one_in
 
 from epson_driver import aio
-from epson_driver.node.static_frames import link_prefix, links
 from epson_driver.node.tool_interface import (
+    link_prefix,
+    links,
     named_tool,
     pose_values,
 )

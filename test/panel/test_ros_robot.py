@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
 
 from epson_driver.motion import Trajectory
-from epson_driver.node.ros_thread import RosThread
+from epson_driver.node.ros_process import RosThread
 from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
 from epson_driver.processes.processes import free_ros_domain, ros_environment

@@ -22,7 +22,7 @@ from epson_driver.panel.sim_pendant import (
     PendantThread,
     SimPendant,
 )
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.remote_ethernet.hand import Action
 
 Take = Callable[[str], str | None]

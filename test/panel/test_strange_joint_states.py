@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from support.cell import Cell
 from support.ros_peer import JOINTS, PATIENCE
 
-from epson_driver.exercise.observer import Observer
+from epson_driver.exercise.cell import Observer
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S
 from epson_driver.panel.ros_discovery import RosDiscovery

@@ -7,9 +7,8 @@ import asyncio
 import pytest
 from support.event_loop import PATIENCE, run, until
 
-from epson_driver.remote_ethernet.client import RemoteError, execute
-from epson_driver.remote_ethernet.joints import joints_of
-from epson_driver.remote_ethernet.turns import GaveWayError, RemoteTurns
+from epson_driver.remote_ethernet.answers import joints_of
+from epson_driver.remote_ethernet.client import GaveWayError, RemoteError, RemoteTurns, execute
 
 
 def ask(answer: bytes) -> None:

@@ -19,8 +19,7 @@ from epson_driver.cli import report
 from epson_driver.error_texts import load_error_texts
 from epson_driver.pages import packed
 from epson_driver.processes.interrupt import INTERRUPTED
-from epson_driver.report.derivatives import derivatives
-from epson_driver.report.figures import figures
+from epson_driver.report.figures import derivatives, figures
 from epson_driver.report.page import MAX_SAMPLES, page
 from epson_driver.report.run import Run
 from epson_driver.report.trace_run import read_trace

@@ -22,12 +22,19 @@ from support.recorded_run import (
 from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import Trajectory
 from epson_driver.pages import packed_arm
-from epson_driver.report.condition_events import condition_events
-from epson_driver.report.derivatives import derivatives
-from epson_driver.report.figures import STANDSTILL_RAD, figures
+from epson_driver.report.figures import STANDSTILL_RAD, derivatives, figures
 from epson_driver.report.measure import Recording, measure
 from epson_driver.report.page import page
-from epson_driver.report.run import NO, UNKNOWN, YES, Condition, Plan, Run, RunError
+from epson_driver.report.run import (
+    NO,
+    UNKNOWN,
+    YES,
+    Condition,
+    Plan,
+    Run,
+    RunError,
+    condition_events,
+)
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import (

@@ -12,8 +12,7 @@ from support.examples import one_in
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.robots.link_surfaces import box, cylinder, link_surfaces
-from epson_driver.robots.urdf import srdf
+from epson_driver.robots.urdf import box, cylinder, link_surfaces, srdf
 
 NAMES = robot_models()
 each_model = pytest.mark.parametrize('model', one_in(5, map(load_robot_model, NAMES)), ids=NAMES)

@@ -13,7 +13,7 @@ from benchmark.family_members import inside, splined
 from benchmark.limit_sets import limit_set
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode
-from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.smoother.request import ActivePlan
 
 TOLERANCE_S, TOLERANCE_SHARE = 0.05, 0.02
 """How far from its commanded time a point may be passed: s, or of the trajectory's time."""

@@ -26,8 +26,7 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.io import io_client
 from epson_driver.link import Link
-from epson_driver.node import goal_requests, goal_server, loop_bridge, messages, node, parameters
-from epson_driver.node import speed_scaling as speed_node
+from epson_driver.node import goal_action, goal_server, loop_bridge, messages, node, parameters
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.trace.trace import Trace
 
@@ -152,8 +151,8 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('exit of ~/reset_error', arm_commands.ArmCommands, '_act', leave),
     ('~/read_io', io_client.Io, 'read'),
     ('~/write_io', io_client.Io, 'write'),
-    ('~/set_speed_scaling', speed_node.SpeedScalingInterface, '_set'),
-    ('goal', goal_requests.GoalRequests, 'checked_goal'),
+    ('~/set_speed_scaling', node.SpeedScalingInterface, '_set'),
+    ('goal', goal_action.GoalRequests, 'checked_goal'),
     ('trajectory', goal_server.GoalServer, 'take_trajectory'),
     (
         'cancel',

@@ -29,7 +29,7 @@ TIMEOUTS = {
     'epson_driver.driver.goal.goal_execution': {'SETTLE_TIME_S': LONG},
     'epson_driver.driver.goal.goal': {'CAUSE_TIMEOUT_MARGIN_S': LONG},
     'epson_driver.node.loop_bridge': {'RESULTS_TIMEOUT_S': 8.0, 'RESULTS_LINGER_S': 2.0},
-    'epson_driver.node.ros_thread': {'LEAVE_TIMEOUT_S': 8.0},
+    'epson_driver.node.ros_process': {'LEAVE_TIMEOUT_S': 8.0},
     'epson_driver.driver.arm_commands': {'ANSWER_TIMEOUT_S': LONG},
     'epson_driver.driver.stopping.stopper': {
         'ANSWER_TIMEOUT_S': LONG,

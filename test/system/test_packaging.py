@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from epson_driver.processes import processes
-from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.command import EXECUTABLES
 
 ROOT = Path(__file__).parents[2]
 UNDECLARED = (

@@ -13,7 +13,7 @@ from support.examples import one_in
 from support.traps import sprung, trap_folder
 
 from epson_driver.demo.run import TOO_BUSY
-from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.command import EXECUTABLES
 from epson_driver.processes.processes import free_ros_domain, ros_environment
 
 pytestmark = pytest.mark.invariant(7)

@@ -54,7 +54,7 @@ SETTLE_TIME_S = 1.0
 MAX_COUNTED_GAP_S = 0.5
 """Maximum time between two states that counts toward a timeout, s. A longer gap means that this
 process was not scheduled, or that the controller is silent, which the link detects separately
-(receive_timeout.py)."""
+(`ReceiveTimeout`)."""
 
 EARLY_S = 0.2
 """Amount by which the expected plan time after a pause is reduced, s. If the plan passes a

@@ -26,8 +26,7 @@ from epson_driver.driver.io.points import (
 from epson_driver.driver.io.remote_ethernet_io import RemoteEthernetIo
 from epson_driver.driver.tasks import Notification, run_task_group
 from epson_driver.profiles.io_profile import IoProfile
-from epson_driver.remote_ethernet.client import Login
-from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.remote_ethernet.client import Login, RemoteTurns
 from epson_driver.simple_message import (
     ByteOrder,
     IoAddress,

@@ -20,9 +20,14 @@ from epson_driver.driver.io.points import (
     ranges_of,
 )
 from epson_driver.profiles.io_profile import IoProfile
-from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.remote_ethernet.client import (
+    Ask,
+    Login,
+    RemoteError,
+    RemoteErrorNumber,
+    RemoteTurns,
+    logged_in,
+)
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
 NOT_READY = (

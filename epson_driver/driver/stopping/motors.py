@@ -20,9 +20,8 @@ from typing import Literal, Protocol
 
 from epson_driver.driver.delivery.reply_rejection import RESULTS, reply_rejection
 from epson_driver.link import Link
-from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
-from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
-from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.remote_ethernet.answers import ask_control_device, ask_flags
+from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, RemoteTurns, logged_in
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command, Result
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.commanded_times import stopping_time
 from epson_driver.motion.smoother.execution import Execution
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.request import Plan, Request
+from epson_driver.motion.smoother.request import ActivePlan, Plan, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 

@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's request and its answer: data only, so that a separate process can plan."""
+"""The planner's request and its answer, and the plan that is executed.
+
+They are data only, so that a separate process can plan.
+"""
 
 import math
 from dataclasses import dataclass
@@ -9,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.path import Knots
+from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
+from epson_driver.motion.smoother.waypoints import Waypoint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,3 +67,37 @@ class Plan:
 
 PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
 """Types exchanged between a planner in a separate process and its caller."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActivePlan:
+    """The plan executed since `begin`, s: a path, and the timing on it.
+
+    route: the waypoints at the path's knots. clocks: commanded time of each one, s on the clock
+    of the points, shape (k,). pause: whether it comes to rest on the path.
+    """
+
+    path: Path
+    timing: TimeParametrisation
+    route: list[Waypoint]
+    clocks: Array
+    begin: float
+    pause: bool
+
+    @property
+    def end(self) -> float:
+        """Time of the rest at its end, s."""
+        return self.begin + self.timing.duration
+
+    @property
+    def finished(self) -> bool:
+        """Whether it ends at a commanded rest that no merged point has moved since."""
+        last = self.route[-1]
+        return last.rest is not None and bool(
+            np.all(last.position == self.path.knots.position[-1])
+        )
+
+    def clock(self, time: float) -> float:
+        """Return the commanded time of the position at `time`, s on the clock of the points."""
+        u, _, _ = self.timing.at(time - self.begin)
+        return float(np.interp(u, self.path.knots.u, self.clocks))

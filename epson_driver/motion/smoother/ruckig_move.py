@@ -6,7 +6,7 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.ruckig_trajectory import calculated
+from epson_driver.motion.point_to_point import calculated
 from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem

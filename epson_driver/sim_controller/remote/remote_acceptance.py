@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import EStop, Event, RejectedError, Tasks, after
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.robots.model import robot_type
 from epson_driver.sim_controller.condition.errors import ErrorNumber as Shown
 from epson_driver.sim_controller.condition.errors import Rejection

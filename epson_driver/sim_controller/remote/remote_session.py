@@ -9,7 +9,7 @@ afterwards, is disconnected, like on a real controller.
 import logging
 from collections.abc import Callable
 
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.sim_controller.clock import Timer
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import Send

@@ -8,7 +8,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import REGIONS, Event
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_kinds import FaultError, parse

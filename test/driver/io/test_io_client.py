@@ -27,7 +27,7 @@ from epson_driver.driver.io.points import (
 from epson_driver.driver.stopping.motors import Action, RemoteEthernetMotors
 from epson_driver.profiles import load_controller_profile
 from epson_driver.profiles.io_profile import IoProfile
-from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.remote_ethernet.client import RemoteTurns
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import (

@@ -1,0 +1,231 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""ROS in this process: the executor's thread, polled subscriptions, stamps, the transport."""
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from socket import gethostbyname
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+from builtin_interfaces.msg import Time as TimeMessage
+from rcl_interfaces.msg import Log
+from rclpy.clock import Clock
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.utilities import get_rmw_implementation_identifier
+
+MAX_ERRORS = 100
+"""Number of executor errors after which the thread ends."""
+
+LEAVE_TIMEOUT_S = 2.0
+"""Timeout for sending the last replies, s."""
+
+LAST_ROUNDS = 3
+"""Executor rounds before the end: one for the future of a goal, a second for the task that sends
+its reply, and a spare one."""
+
+
+class RosThread:
+    """Spins an executor until `leave`, and always reports its end.
+
+    `on_error` is called in the thread with each exception. `context`: the nodes' context, or None
+    for rclpy's default.
+
+    After an error it continues if possible, to answer requests while the arms stop.
+
+    It does not use `spin_until_future_complete`, because rclpy adds a callback to the future at
+    every turn.
+    """
+
+    def __init__(
+        self, on_error: Callable[[str, BaseException], None], context: Context | None = None
+    ) -> None:
+        self.executor = SingleThreadedExecutor(context=context)
+        self._on_error = on_error
+        self._left = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='rclpy executor', daemon=True)
+
+    def start(self) -> None:
+        """Start to serve."""
+        self._thread.start()
+
+    def leave(self) -> bool:
+        """Send the pending replies, and end. Returns whether the thread has ended in time."""
+        if not self._thread.is_alive():
+            self._left.set()
+            return True
+        self.executor.create_task(self._leave, LAST_ROUNDS)
+        self._thread.join(LEAVE_TIMEOUT_S)
+        return not self._thread.is_alive()
+
+    def _leave(self, rounds: int) -> None:
+        if rounds:
+            self.executor.create_task(self._leave, rounds - 1)
+        else:
+            self._left.set()
+
+    def _run(self) -> None:
+        errors = 0
+        try:
+            while not self._left.is_set():
+                try:
+                    self.executor.spin_once()
+                except BaseException as error:  # noqa: BLE001 - SystemExit, too
+                    self._on_error('serving ROS failed', error)
+                    errors += 1
+                    if errors >= MAX_ERRORS or not self.executor.context.ok():
+                        return
+        finally:
+            if not self._left.is_set():
+                end = RuntimeError('no request of ROS is answered any more')
+                self._on_error('the thread that serves ROS ended', end)
+
+
+def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False) -> Any:
+    """Return a subscription for `take`, whose messages are read on request.
+
+    An executor would rebuild its wait set for each of hundreds of messages a second.
+    """
+    return node.create_subscription(kind, topic, _never, qos, raw=raw)
+
+
+def take(subscription: Any) -> Any:
+    """Return the next message, or None."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if taken is None else taken[0]
+
+
+def take_all(subscription: Any, most: int) -> list[Any]:
+    """Return the pending messages, at most `most`. The others remain pending."""
+    messages: list[Any] = []
+    while len(messages) < most and (message := take(subscription)) is not None:
+        messages.append(message)
+    return messages
+
+
+def level(line: Log) -> int:
+    """Return the level of a line of `/rosout`, which is bytes in some distributions."""
+    return line.level if isinstance(line.level, int) else int.from_bytes(line.level, 'little')
+
+
+def _never(_message: Any) -> None:
+    raise RuntimeError('no executor serves this subscription')
+
+
+MAX_READING_NS = 100_000
+"""Maximum time for reading both clocks, ns. A longer reading was interrupted."""
+
+MIN_JUMP_NS = 1_000_000
+"""Difference beyond which ROS's clock was set or stopped, ns. A smaller one is drift."""
+
+DRIFT_FILTER_DIVISOR = 256
+"""Divisor of the drift correction per reading. It filters the time that the reading takes."""
+
+MIN_SPACING_NS = 1_000
+"""Minimum spacing of stamps, ns. tf ignores a repeated stamp."""
+
+NS_PER_S = 1_000_000_000
+
+MIN_STEP_BACK_NS = 100_000_000
+"""Step back of ROS's clock beyond which stamps also step back, ns."""
+
+
+class RosTimeStamps:
+    """Creates increasing stamps from times of `monotonic`, s. `clock`: an rclpy clock."""
+
+    def __init__(self, clock: Clock, monotonic: Callable[[], float]) -> None:
+        self._clock = clock
+        self._monotonic = monotonic
+        self._ahead: int | None = None
+        self._last = 0
+        self._message = TimeMessage()
+
+    def stamp(self, moment: float) -> TimeMessage:
+        """Return a time as builtin_interfaces/Time, valid until the next call."""
+        before = self._monotonic()
+        ros = self._clock.now().nanoseconds
+        after = self._monotonic()
+        ahead = ros - _nanoseconds(before)
+        if self._ahead is None:
+            self._ahead = ahead
+        elif after - before < MAX_READING_NS * 1e-9:
+            drift = ahead - self._ahead
+            self._ahead += drift if abs(drift) > MIN_JUMP_NS else drift // DRIFT_FILTER_DIVISOR
+        stamp = max(_nanoseconds(moment) + self._ahead, 0)
+        if stamp < self._last + MIN_SPACING_NS and stamp > self._last - MIN_STEP_BACK_NS:
+            stamp = self._last + MIN_SPACING_NS
+        self._last = stamp
+        self._message.sec, self._message.nanosec = divmod(stamp, NS_PER_S)
+        return self._message
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+_RANGES = ('', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF')
+"""Values for which Fast DDS obeys TRANSPORTS. rcl treats any other value as LOCALHOST, for which
+rmw_fastrtps adds shared memory to every profile."""
+
+_LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
+<transport_descriptors><transport_descriptor><transport_id>udp</transport_id><type>UDPv4</type>
+<maxInitialPeersRange>32</maxInitialPeersRange></transport_descriptor></transport_descriptors>
+<participant profile_name="localhost" is_default_profile="true"><rtps>
+<builtin><initialPeersList>{}</initialPeersList>
+<metatrafficUnicastLocatorList><locator><udpv4/></locator></metatrafficUnicastLocatorList></builtin>
+<userTransports><transport_id>udp</transport_id></userTransports>
+<useBuiltinTransports>false</useBuiltinTransports></rtps></participant></profiles></dds>"""
+"""Profile that rmw_fastrtps uses for LOCALHOST, without shared memory: no multicast, 32
+participants."""
+
+
+@contextmanager
+def udp_by_default() -> Iterator[None]:
+    """Use UDP for the context and the first node created in the block.
+
+    Fast DDS' shared memory fails silently when /dev/shm is emptied, and between users. Nodes still
+    discover each other, but no message arrives, including calls of `~/stop`.
+
+    User-defined Fast DDS profiles and transports take precedence. Other middlewares are
+    unaffected. Raises OSError if the disk is full, ValueError for a peer without an address.
+    """
+    before = dict(os.environ)
+    own = any(map(before.get, PROFILES)) or Path('DEFAULT_FASTRTPS_PROFILES.xml').exists()
+    shared = (before.get(TRANSPORTS) or 'UDPv4') != 'UDPv4'
+    if own or shared or not get_rmw_implementation_identifier().startswith('rmw_fastrtps'):
+        yield
+        return
+    with NamedTemporaryFile('w', suffix='.xml') as file:
+        changes = {TRANSPORTS: 'UDPv4'}
+        alone = before.get('ROS_LOCALHOST_ONLY') == '1'
+        if alone or before.get(RANGE, '') not in _RANGES:
+            names = '' if alone else before.get('ROS_STATIC_PEERS', '')
+            peers = ''.join(map(_peer, filter(None, ('127.0.0.1', *names.split(';')))))
+            file.write(_LOCALHOST.format(peers))
+            file.flush()
+            changes = {PROFILES[0]: file.name, RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': ''}
+        os.environ.update(changes)
+        try:
+            yield
+        finally:
+            for name in changes:
+                del os.environ[name]
+            os.environ.update({name: before[name] for name in changes if name in before})
+
+
+def _peer(name: str) -> str:
+    """Return the locator of a host. Fast DDS drops a profile with an unknown one."""
+    try:
+        return f'<locator><udpv4><address>{gethostbyname(name)}</address></udpv4></locator>'
+    except (OSError, UnicodeError) as error:
+        raise ValueError(f'ROS_STATIC_PEERS: {name}: {error}') from error

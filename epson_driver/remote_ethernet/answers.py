@@ -1,0 +1,118 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a controller answers over Remote Ethernet: flags, device in control, identity, joints.
+
+Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags); EPSON's node for Node-RED (the eleven
+flags of the RC700 generation, GetContDev).
+
+The simulated controller reports its identity (`$Sim,identity`). A real one is queried for its type
+and robot (`$GetContType`, `$GetRobotInfo`). A controller accepts the statement that prints joints
+only in AUTO, while it executes nothing, without E-stop, error or open door.
+"""
+
+import re
+from collections.abc import Sequence
+from math import radians
+
+from epson_driver.inputs import decimal
+from epson_driver.remote_ethernet.client import MAX_ERROR_DIGITS, Ask, RemoteError
+from epson_driver.remote_ethernet.hand import told
+
+FLAGS = (
+    'Test',
+    'Teach',
+    'Auto',
+    'Warning',
+    'SError',
+    'Safeguard',
+    'EStop',
+    'Error',
+    'Paused',
+    'Running',
+    'Ready',
+)
+"""The flags of GetStatus, from left to right."""
+
+REMOTE_ETHERNET = 26
+"""Number of Remote Ethernet as a control device, as returned by SPEL+'s CtrlInfo(5)."""
+
+CONTROL_DEVICES = {
+    20: 'the teach pendant',
+    21: 'the PC with RC+',
+    22: 'remote I/O',
+    REMOTE_ETHERNET: 'Remote Ethernet',
+    29: 'Remote RS-232C',
+}
+
+
+async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
+    """Return the names of the set flags, and the error number.
+
+    RC+ 5 sends ten flags, without Test. Flags are therefore aligned at the end. Raises
+    ConnectionError for a reply that is not a status.
+    """
+    value = await ask('GetStatus')
+    bits, _, number = value.partition(',')
+    known = number.isdecimal() and len(number) <= MAX_ERROR_DIGITS
+    if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
+        raise ConnectionError(f"'{value[:40]}' is no status")
+    named = zip(FLAGS[-len(bits) :], bits, strict=True)
+    return tuple(name for name, bit in named if bit == '1'), int(number)
+
+
+async def ask_control_device(ask: Ask) -> int | None:
+    """Return the number of the device that has control, or None if it is unknown.
+
+    It is unconfirmed that GetContDev uses the numbers of CtrlInfo(5). Other numbers become None.
+    """
+    try:
+        value = (await ask('GetContDev')).strip()
+    except RemoteError:
+        return None
+    return int(value) if value in map(str, CONTROL_DEVICES) else None
+
+
+_SIMULATED = re.compile(r'controller=(.{1,64});robot=(.{1,64})')
+_NAME = re.compile(r'(?=.*[A-Za-z])[A-Za-z0-9 ._+/-]{1,64}')
+
+
+async def identity(ask: Ask, address: str) -> str:
+    """Return the identity of a controller: `spel (simulated), c3_a601s, 127.0.0.1:5000`.
+
+    Missing or malformed fields are omitted. `address` is always included. Raises the exceptions of
+    `ask` except RemoteError.
+    """
+    found = _SIMULATED.fullmatch(await told(ask, 'Sim,identity'))
+    if found:
+        simulated = '' if found[1] == 'simulated' else ' (simulated)'
+        return f'{found[1]}{simulated}, {found[2]}, {address}'
+    controller = await told(ask, 'GetContType')
+    robot = (await told(ask, 'GetRobotInfo')).rpartition(',')[2]
+    return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])
+
+
+_SHOWN_CHARACTERS = 60
+
+
+def joints_question(count: int) -> str:
+    """Return the command that prints joints and motors, without its `$`."""
+    angles = ', '.join(f'Agl({joint})' for joint in range(1, count + 1))
+    return f'Execute,"Print {angles}, Motor"'
+
+
+def joints_of(value: str, count: int) -> list[float]:
+    """Return the printed numbers: degrees and mm, then the motors. Raises ConnectionError."""
+    try:
+        numbers = [decimal(word) for word in value.strip('" ').split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count + 1:
+        shown = value[:_SHOWN_CHARACTERS]
+        raise ConnectionError(f"'{shown}' is no answer to {joints_question(count)}")
+    return numbers
+
+
+def joints_in_si(values: Sequence[float], units: Sequence[str]) -> tuple[float, ...]:
+    """Convert joint positions from degrees or mm to rad or m, by their units."""
+    scales = {'rad': radians(1.0), 'm': 1e-3}
+    return tuple(value * scales[unit] for value, unit in zip(values, units, strict=True))
