@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the commanded times ask of the speed along a path."""
+"""Speeds along a path that follow from the commanded times."""
 
 import numpy as np
 import pytest
@@ -13,15 +13,15 @@ from epson_driver.motion.smoother.path import through
 from epson_driver.motion.smoother.problem import Effort
 
 PLACES = 20_000
-"""Per segment, for the time that it takes."""
+"""Samples per segment for the integral of its duration."""
 
 
 def commanded(
     positions: Array, durations: list[float | None], factor: float = 1.0
 ) -> tuple[Array, Array]:
-    """Return how long each segment that is planned takes at the speeds that are asked for, s.
+    """Return each planned segment's duration at the commanded speeds, and by the clock, s.
 
-    And how long it should, by the clock: no faster than the joints can.
+    The clock respects the joint limits.
     """
     smoother = Smoother(ARM, positions[0], Mode.TIME_PRESERVING, planner=None)
     for position, duration in zip(positions[1:], durations, strict=True):
@@ -32,38 +32,38 @@ def commanded(
     path = through(request.kept, request.points, ARM, clamped=False)
     problem = problem_of(request, path, ARM, factor, Effort())
     assert problem.commanded is not None
-    taken = []
+    spent = []
     for begin, end in zip(path.knots.u[:-1], path.knots.u[1:], strict=True):
         us = begin + (end - begin) * (np.arange(PLACES) + 0.5) / PLACES
         slowness = 1.0 / np.sqrt(np.interp(us, *problem.commanded))
-        taken.append(float((end - begin) * slowness.mean()))
-    return np.array(taken), np.diff(request.clock)
+        spent.append(float((end - begin) * slowness.mean()))
+    return np.array(spent), np.diff(request.clock)
 
 
 @pytest.mark.parametrize('factor', [1.0, 0.5])
 @pytest.mark.parametrize('seed', range(6))
-def test_each_knot_is_reached_nearly_at_its_time(seed: int, factor: float) -> None:
+def test_each_knot_is_reached_near_its_time(seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)
     steps = 10.0 ** rng.uniform(-3.0, -0.5, (8, 1)) * rng.normal(size=(8, 6))
     positions = np.vstack([np.zeros(6), 0.2 * np.cumsum(steps, axis=0)])
     durations = (10.0 ** rng.uniform(-2.0, 0.0, 8)).tolist()
-    taken, wanted = commanded(positions, durations, factor)
-    assert len(taken) > 2
-    missed = np.cumsum(factor * taken - wanted)
+    spent, wanted = commanded(positions, durations, factor)
+    assert len(spent) > 2
+    missed = np.cumsum(factor * spent - wanted)
     assert np.abs(missed).max() <= SMOOTHED_S + 1e-6
     assert missed[-1] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_at_an_even_pace_each_segment_takes_its_time() -> None:
+def test_constant_pace_gives_equal_durations() -> None:
     positions = np.zeros((9, 6))
     positions[:, 0] = 0.1 * np.arange(9)
-    taken, _ = commanded(positions, [0.2] * 8)
-    assert taken == pytest.approx(0.2)
+    spent, _ = commanded(positions, [0.2] * 8)
+    assert spent == pytest.approx(0.2)
 
 
-def test_a_way_without_a_time_is_as_fast_as_the_limits_allow() -> None:
-    """Though what is before and behind it is slow."""
+def test_segment_without_a_time_is_as_fast_as_the_limits_allow() -> None:
+    """The segments before and after it are slow."""
     positions = np.zeros((4, 6))
     positions[1:, 0] = np.cumsum([0.02, 0.3, 0.02])
-    taken, _ = commanded(positions, [1.0, None, 1.0])
-    assert taken[1] < 0.01
+    spent, _ = commanded(positions, [1.0, None, 1.0])
+    assert spent[1] < 0.01

@@ -1,8 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings with noise: near every point within a tolerance, in the recording's time."""
-
-from typing import Any
+"""Noisy recordings: a motion within a tolerance of every point, in the recording's time."""
 
 import numpy as np
 import pytest
@@ -20,21 +18,21 @@ JOINTS = len(ARM.names)
 def recording(
     seed: int, *, rate: float = 125.0, noise: float = 2e-4, seconds: float = 2.0
 ) -> Trajectory:
-    """Return what a hand shows in joint space, up to 1 Hz, with white noise, rad."""
+    """Return a hand-guided motion up to 1 Hz in joint space with white noise, rad."""
     rng = np.random.default_rng([seed, 33])
     times = np.arange(round(seconds * rate) + 1) / rate
     waves = 6
     frequency, phase = rng.uniform(0.1, 1.0, (waves, JOINTS)), rng.uniform(0, 7, (waves, JOINTS))
     phases = 2.0 * np.pi * times[:, None, None] * frequency + phase
     amplitude = rng.normal(size=(waves, JOINTS)) * 0.5 / waves
-    ways = (amplitude * np.sin(phases)).sum(axis=1)
-    ways *= np.sin(np.pi * times / times[-1])[:, None] ** 2
-    return Trajectory(ARM.names, times, ways + rng.normal(size=ways.shape) * noise)
+    paths = (amplitude * np.sin(phases)).sum(axis=1)
+    paths *= np.sin(np.pi * times / times[-1])[:, None] ** 2
+    return Trajectory(ARM.names, times, paths + rng.normal(size=paths.shape) * noise)
 
 
-def off(given: Trajectory, motion: Trajectory) -> float:
-    """Return how far from a given point the motion passes at most, rad."""
-    return float(passed(given.positions, motion)[0].max())
+def max_distance(recorded: Trajectory, motion: Trajectory) -> float:
+    """Return the maximum distance of the motion from a recorded point, rad."""
+    return float(passed(recorded.positions, motion)[0].max())
 
 
 @pytest.mark.parametrize('seed', one_in(6, range(12)))
@@ -46,113 +44,104 @@ def off(given: Trajectory, motion: Trajectory) -> float:
         several=True,
     ),
 )
-def test_a_noisy_recording_takes_its_time_within_the_tolerance_of_every_point(
+def test_noisy_recording_keeps_its_time_within_the_tolerance(
     seed: int, rate: float, noise: float, tolerance: float
 ) -> None:
-    given = recording(seed, rate=rate, noise=noise)
-    motion = smooth(given.positions, ARM, given.times, path_tolerance=tolerance)
+    recorded = recording(seed, rate=rate, noise=noise)
+    motion = smooth(recorded.positions, ARM, recorded.times, path_tolerance=tolerance)
     figures = measure(motion, None, ARM)
-    assert off(given, motion) <= tolerance
-    assert motion.duration <= 1.03 * given.duration
+    assert max_distance(recorded, motion) <= tolerance
+    assert motion.duration <= 1.03 * recorded.duration
     assert max(figures.velocity, figures.acceleration) <= 1.0
     assert figures.jerk <= 1.02
     assert figures.stops == 0
-    np.testing.assert_array_equal(motion.positions[0], given.positions[0])
-    np.testing.assert_allclose(motion.positions[-1], given.positions[-1], atol=1e-9)
+    np.testing.assert_array_equal(motion.positions[0], recorded.positions[0])
+    np.testing.assert_allclose(motion.positions[-1], recorded.positions[-1], atol=1e-9)
 
 
-def test_without_a_tolerance_it_goes_through_the_noise() -> None:
-    given = recording(0)
-    assert smooth(given.positions, ARM, given.times).duration > 1.5 * given.duration
+def test_motion_without_tolerance_follows_the_noise() -> None:
+    recorded = recording(0)
+    assert smooth(recorded.positions, ARM, recorded.times).duration > 1.5 * recorded.duration
 
 
 def hostile(kind: str, rng: np.random.Generator) -> Trajectory:
-    """Return points that are hard to move: by their times, their ways, or the limits there."""
+    """Return points with difficult times, steps or limits."""
     count = 200
     gaps = {
         'irregular': rng.uniform(1e-3, 0.1, count),
         'doubled': np.where(np.arange(count) % 2, 1e-9, 0.05),
         'pauses': np.where(rng.random(count) < 0.05, 2.0, 0.01),
     }.get(kind, np.full(count, 0.02))
-    ways = rng.normal(size=(count, JOINTS)).cumsum(axis=0) * 5e-3
+    paths = rng.normal(size=(count, JOINTS)).cumsum(axis=0) * 5e-3
     if kind == 'jumps':
-        ways += (rng.random((count, 1)) < 0.1).cumsum(axis=0) * 0.05
+        paths += (rng.random((count, 1)) < 0.1).cumsum(axis=0) * 0.05
     if kind == 'at_limits':
-        ways = np.tile(ARM.position_max, (count, 1)) - np.abs(rng.normal(size=ways.shape)) * 1e-3
+        paths = np.tile(ARM.position_max, (count, 1)) - np.abs(rng.normal(size=paths.shape)) * 1e-3
     if kind == 'huge':
-        ways = rng.choice([-1.0, 1.0], ways.shape) * 2.0
+        paths = rng.choice([-1.0, 1.0], paths.shape) * 2.0
     low, high = ARM.position_min, ARM.position_max
-    return Trajectory(ARM.names, np.cumsum(gaps), np.clip(ways, low, high))
+    return Trajectory(ARM.names, np.cumsum(gaps), np.clip(paths, low, high))
 
 
 @pytest.mark.parametrize('tolerance', [1e-3, 5e-3, 0.2])
 @pytest.mark.parametrize('kind', ['irregular', 'doubled', 'pauses', 'jumps', 'at_limits', 'huge'])
 @pytest.mark.parametrize('seed', one_in(5, range(5)))
-def test_points_move_by_no_more_than_the_smoother_leaves_of_the_tolerance(
-    kind: str, tolerance: float, seed: int
-) -> None:
-    given = hostile(kind, np.random.default_rng([seed, 7]))
-    found = evened(given, ARM, tolerance)
-    moved = np.abs(found.positions - given.positions)
+def test_points_move_by_less_than_the_tolerance(kind: str, tolerance: float, seed: int) -> None:
+    recorded = hostile(kind, np.random.default_rng([seed, 7]))
+    result = evened(recorded, ARM, tolerance)
+    moved = np.abs(result.positions - recorded.positions)
     assert moved.max() <= tolerance - MIN_TOLERANCE / 2.0 + 1e-12
     assert moved[[0, -1]].max() == 0.0
-    assert np.all((found.positions >= ARM.position_min) & (found.positions <= ARM.position_max))
-    np.testing.assert_array_equal(found.times, given.times)
-    if kind != 'doubled':  # where a second difference is mostly that of two points
-        bend = [np.diff(each.positions, 2, axis=0) for each in (given, found)]
+    assert np.all((result.positions >= ARM.position_min) & (result.positions <= ARM.position_max))
+    np.testing.assert_array_equal(result.times, recorded.times)
+    if kind != 'doubled':  # whose second differences come mostly from two points
+        bend = [np.diff(plan.positions, 2, axis=0) for plan in (recorded, result)]
         assert np.abs(bend[1]).sum() < np.abs(bend[0]).sum()
 
 
-def test_points_that_command_a_rest_stay() -> None:
-    given = recording(1)
-    still = given.positions.copy()
-    times = given.times.copy()
+def test_points_of_a_commanded_rest_stay() -> None:
+    recorded = recording(1)
+    still = recorded.positions.copy()
+    times = recorded.times.copy()
     still[101:103] = still[100]
     times[101:] += 0.3
     times[102:] += 0.4
-    found = evened(Trajectory(ARM.names, times, still), ARM, 5e-3)
-    np.testing.assert_array_equal(found.positions[100:103], still[100:103])
-    assert np.abs(found.positions[90] - still[90]).max() > 0.0
+    result = evened(Trajectory(ARM.names, times, still), ARM, 5e-3)
+    np.testing.assert_array_equal(result.positions[100:103], still[100:103])
+    assert np.abs(result.positions[90] - still[90]).max() > 0.0
     motion = smooth(still, ARM, times, path_tolerance=5e-3)
     here = np.abs(motion.positions - still[100]).max(axis=1) < 1e-6
     assert here.sum() * 0.004 > 0.6
 
 
-def test_joints_come_in_the_order_of_the_limits() -> None:
-    given = recording(2)
-    names = given.joint_names[::-1]
-    swapped = Trajectory(names, given.times, given.positions[:, ::-1])
-    ours, theirs = evened(given, ARM, 2e-3), evened(swapped, ARM, 2e-3)
+def test_result_has_the_joint_order_of_the_limits() -> None:
+    recorded = recording(2)
+    names = recorded.joint_names[::-1]
+    swapped = Trajectory(names, recorded.times, recorded.positions[:, ::-1])
+    ours, theirs = evened(recorded, ARM, 2e-3), evened(swapped, ARM, 2e-3)
     assert theirs.joint_names == ARM.names
     np.testing.assert_array_equal(theirs.positions, ours.positions)
 
 
 @pytest.mark.parametrize('count', [1, 2])
-def test_there_is_nothing_to_move_of_two_points(count: int) -> None:
-    given = recording(3)
-    ends = Trajectory(ARM.names, given.times[:count], given.positions[:count])
+def test_two_points_stay_unchanged(count: int) -> None:
+    recorded = recording(3)
+    ends = Trajectory(ARM.names, recorded.times[:count], recorded.positions[:count])
     np.testing.assert_array_equal(evened(ends, ARM, 1e-3).positions, ends.positions)
 
 
 @pytest.mark.parametrize('value', [-0.001, 1e-4, 0.51, float('nan'), float('inf')])
-def test_a_tolerance_that_is_wrong_is_refused(value: float) -> None:
-    given = recording(4)
+def test_invalid_tolerance_is_rejected(value: float) -> None:
+    recorded = recording(4)
     with pytest.raises(ValueError, match=r'path_tolerance = .* with times 0 or from 0.001 on'):
-        smooth(given.positions, ARM, given.times, path_tolerance=value)
+        smooth(recorded.positions, ARM, recorded.times, path_tolerance=value)
     if not value >= MIN_TOLERANCE:
         with pytest.raises(ValueError, match=r'the tolerance .* rad must be 0.001 or more'):
-            evened(given, ARM, value)
+            evened(recorded, ARM, value)
 
 
-def test_it_is_for_whole_plans() -> None:
-    given = recording(5)
-    settings: dict[str, Any] = {'path_tolerance': 2e-3, 'look_ahead': 0.5}
-    with pytest.raises(ValueError, match='0 with a look-ahead'):
-        smooth(given.positions, ARM, given.times, **settings)
-
-
-def test_a_slow_arm_has_units_of_its_own() -> None:
-    """A prismatic joint counts in m, and its noise is as small."""
+def test_prismatic_joint_is_smoothed_in_metres() -> None:
+    """The tolerance and the noise of a prismatic joint are in m."""
     limits = JointLimits(
         ('lift', 'turn'),
         np.array([0.0, -3.0]),

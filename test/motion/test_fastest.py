@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest motion through waypoints that are all known, held against ipopt's.
+"""The fastest motion through known waypoints, compared with ipopt's.
 
-Invariant 2 of docs/invariants.md: every limit at every instant.
+Invariant 2 of docs/invariants.md: every limit holds at every instant.
 """
 
 from functools import cache
@@ -21,26 +21,25 @@ from benchmark.family_members import FAMILIES, LONG_FAMILIES, members
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.references import References, digest
 from benchmark.trajectories import benchmark_set
-from epson_driver.motion import Array, JointLimits, Trajectory, smooth
+from epson_driver.motion import Array, JointLimits, smooth
 from epson_driver.motion.fastest import BEND_RATIO, MIN_BEND, fastest
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.passages import passages
-from epson_driver.motion.smoothed import smoothed
-from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode
+from epson_driver.motion.smoother import MERGE_TOLERANCE
 from epson_driver.motion.smoother.path import Knots, through
 from epson_driver.motion.transcription import Search
 
 pytestmark = pytest.mark.invariant(2)
 
 OPTIMUM_RATIO, WORST_RATIO = 1.004, 1.01
-"""How much longer than ipopt's motions may take, on average and at most."""
+"""Permitted ratio to the duration of ipopt's motion, on average and at most."""
 
 ZIGZAG = np.random.default_rng(5).uniform(-1.2, 1.2, (7, 3))
-"""Points far apart in the middle of the slow arm's range."""
+"""Distant points in the middle of the slow arm's range."""
 
 
 def merged(positions: Array) -> Array:
-    """Return the points that count: each apart from the one before, and the last."""
+    """Return the points without those close to their predecessor, and the last point."""
     kept = [positions[0]]
     for position in positions[1:]:
         if np.abs(position - kept[-1]).max() >= MERGE_TOLERANCE:
@@ -49,7 +48,7 @@ def merged(positions: Array) -> Array:
 
 
 def assert_within(motion: JointMotion, limits: JointLimits, start: Array) -> None:
-    """Every limit, by the polynomials and without the package's own check."""
+    """Assert every limit by the polynomials, independently of the package's check."""
     executed: Any = SimpleNamespace(executed=[(0.0, motion)], now=motion.duration, limits=limits)
     found = exact_extrema(executed, start)
     assert found.worst <= 1.0 + 1e-6
@@ -57,8 +56,8 @@ def assert_within(motion: JointMotion, limits: JointLimits, start: Array) -> Non
     assert max(found.position_jump, found.velocity_jump, found.acceleration_jump) <= 1e-9
 
 
-def test_a_jerk_that_is_nearly_none_turns_nowhere() -> None:
-    """As searches find; 1 / 1e-310 is no finite number."""
+def test_tiny_jerk_causes_no_overflow() -> None:
+    """Searches produce such jerks, and 1 / 1e-310 is not finite."""
     state, limits = (np.zeros(1), np.ones(1), np.full(1, -1.0)), limit_set('full')
     for jerk in (1e-310, -1e-310):
         motion = JointMotion(state, np.ones((1, 1)), np.full((1, 1), jerk))
@@ -70,7 +69,7 @@ def test_a_jerk_that_is_nearly_none_turns_nowhere() -> None:
 
 
 def passes(motion: JointMotion, waypoints: Array) -> Array:
-    """Return how far from each waypoint a node is, in their order, shape (k,)."""
+    """Return the distance of each waypoint from its closest node in order, shape (k,)."""
     nodes = motion.states[0].T
     missed: Array = np.abs(nodes[passages(waypoints, nodes)] - waypoints).max(axis=1)
     return missed
@@ -88,13 +87,15 @@ def cases() -> dict[str, tuple[Array, JointLimits, float]]:
 
 
 @pytest.mark.parametrize(
-    ('most', 'least'),
-    [(40, 14), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((60, 24), (1000, 28)))],
+    ('max_points', 'min_count'),
+    [(40, 14), *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((60, 24), (1000, 28)))],
 )
-def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -> None:
+def test_motion_is_as_fast_as_the_optimum_of_another_solver(
+    max_points: int, min_count: int
+) -> None:
     ratios = []
     for positions, limits, optimum in cases().values():
-        if len(positions) > most:
+        if len(positions) > max_points:
             continue
         waypoints = merged(positions)
         motion = fastest(waypoints, limits)
@@ -102,7 +103,7 @@ def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -
         assert_within(motion, limits, waypoints[0])
         assert passes(motion, waypoints).max() <= 1e-8
         ratios.append(motion.duration / optimum)
-    assert len(ratios) >= least
+    assert len(ratios) >= min_count
     assert np.exp(np.mean(np.log(ratios))) <= OPTIMUM_RATIO
     assert max(ratios) <= WORST_RATIO
 
@@ -113,7 +114,7 @@ def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -
 @pytest.mark.parametrize(
     'family', one_in(6, [name for name in FAMILIES if name not in LONG_FAMILIES])
 )
-def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None:
+def test_motion_is_found_through_any_points(family: str, seeds: range) -> None:
     for member in members(family, seeds):
         waypoints = merged(member.positions)
         motion = fastest(waypoints, member.limits)
@@ -123,27 +124,11 @@ def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None
         assert motion.duration < stop_and_go(member.positions, member.limits).duration
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    'family', one_in(6, [name for name in FAMILIES if name not in LONG_FAMILIES])
-)
-def test_it_is_faster_than_on_the_spline(family: str) -> None:
-    for member in members(family, range(32_000, 32_003)):
-        every = Trajectory(
-            member.limits.names, np.arange(float(len(member.positions))), member.positions
-        )
-        free, spline = (
-            smoothed(every, member.limits, Mode.TIME_OPTIMAL, refine=refine)
-            for refine in (True, False)
-        )
-        assert free.duration < spline.duration
-
-
 @pytest.mark.parametrize(
     'seeds', [range(4), pytest.param(range(100, 160), marks=pytest.mark.slow)]
 )
-def test_slow_arms_with_short_ramps_and_long_ways_keep_their_velocity(seeds: range) -> None:
-    """A way then takes far longer than an acceleration, and the velocity bulges between nodes."""
+def test_slow_arms_on_long_segments_respect_their_velocity(seeds: range) -> None:
+    """A segment then takes far longer than a ramp, and velocity peaks between nodes."""
     for seed in seeds:
         rng = np.random.default_rng(seed)
         joints, count = int(rng.integers(1, 8)), int(rng.integers(3, 16))
@@ -160,14 +145,14 @@ def test_slow_arms_with_short_ramps_and_long_ways_keep_their_velocity(seeds: ran
         assert motion.duration <= 1.01 * stop_and_go(waypoints, limits).duration
 
 
-def test_between_the_waypoints_it_bends_little_more_than_the_spline() -> None:
+def test_motion_bends_little_more_than_the_spline() -> None:
     zeros = np.zeros((1, 3))
     knots = Knots(np.zeros(1), ZIGZAG[:1], zeros, zeros)
     spline = through(knots, ZIGZAG[1:], SLOW, False, True)
     motion = fastest(ZIGZAG, SLOW)
     assert motion is not None
     nodes = motion.states[0].T
-    at = [int(np.abs(nodes - waypoint).max(axis=1).argmin()) for waypoint in ZIGZAG]
+    indices = [int(np.abs(nodes - waypoint).max(axis=1).argmin()) for waypoint in ZIGZAG]
     u = spline.knots.u
     for i, (begin, end) in enumerate(pairwise(ZIGZAG)):
 
@@ -176,14 +161,14 @@ def test_between_the_waypoints_it_bends_little_more_than_the_spline() -> None:
             return float(np.abs(places - begin - along[:, None] * chord).max())
 
         allowed = farthest(spline.sample(np.linspace(u[i], u[i + 1], 201))[0])
-        bend = farthest(nodes[at[i] : at[i + 1] + 1])
+        bend = farthest(nodes[indices[i] : indices[i + 1] + 1])
         assert bend <= 1.02 * max(BEND_RATIO * allowed, MIN_BEND)
 
 
 @pytest.mark.parametrize(
     'name', one_in(2, ['around_pillar_fast_100ms-half', 'moveit_10_percent-half'])
 )
-def test_the_more_it_may_pass_beside_the_points_the_faster_it_is(name: str) -> None:
+def test_larger_tolerance_gives_a_faster_motion(name: str) -> None:
     positions, limits, _ = cases()[name]
     waypoints, before = merged(positions), np.inf
     for tolerance in (0.0, 0.002, 0.005, 0.01, 0.05, 0.2):
@@ -197,7 +182,7 @@ def test_the_more_it_may_pass_beside_the_points_the_faster_it_is(name: str) -> N
         before = motion.duration
 
 
-def test_it_keeps_the_order_of_points_that_are_near_to_each_other() -> None:
+def test_order_of_close_points_is_preserved() -> None:
     points = np.concatenate([ZIGZAG[:3], ZIGZAG[2] + 0.002 * np.arange(1, 4)[:, None]])
     motion = fastest(points, SLOW, 0.5)
     assert motion is not None
@@ -206,7 +191,7 @@ def test_it_keeps_the_order_of_points_that_are_near_to_each_other() -> None:
     assert np.all(passes(motion, points)[1:-1] <= 1.01 * allowed)
 
 
-def test_a_waypoint_on_the_border_of_the_range_is_met() -> None:
+def test_waypoint_at_a_position_limit_is_reached() -> None:
     points = ZIGZAG.copy()
     points[2, 0], points[4, 1] = SLOW.position_max[0], SLOW.position_min[1]
     for tolerance in (0.0, 0.1):
@@ -216,16 +201,16 @@ def test_a_waypoint_on_the_border_of_the_range_is_met() -> None:
         assert passes(motion, points)[[2, 4]].max() <= 1e-8
 
 
-def test_four_corners_of_a_box_take_no_longer_than_with_stops() -> None:
+def test_corners_of_a_box_take_no_longer_than_with_stops() -> None:
     square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
-    for way in (0.002, 0.05, 0.8):
-        corners = 0.1 + way * square
+    for size in (0.002, 0.05, 0.8):
+        corners = 0.1 + size * square
         motion = smooth(corners, SLOW)
         stops = stop_and_go(corners, SLOW).duration
         assert motion.duration <= stops + 0.004
 
 
-def test_where_none_is_found_the_motion_is_that_on_the_spline(
+def test_motion_on_the_spline_is_the_fallback(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     spline = smooth(ZIGZAG, SLOW, refine=False)
@@ -234,7 +219,7 @@ def test_where_none_is_found_the_motion_is_that_on_the_spline(
     assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
 
 
-def test_a_search_that_cannot_go_on_leaves_the_motion_on_the_spline(
+def test_failed_search_leaves_the_motion_on_the_spline(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def singular(search: Search) -> bool:
@@ -247,15 +232,15 @@ def test_a_search_that_cannot_go_on_leaves_the_motion_on_the_spline(
 
 
 @pytest.mark.slow
-def test_a_look_ahead_or_the_spline_leave_no_choice() -> None:
+def test_look_ahead_or_unrefined_spline_excludes_a_tolerance() -> None:
     settings: list[dict[str, Any]] = [{'look_ahead': 1.0}, {'refine': False}]
-    for given in settings:
-        assert smooth(ZIGZAG, SLOW, **given).duration > smooth(ZIGZAG, SLOW).duration
+    for options in settings:
+        assert smooth(ZIGZAG, SLOW, **options).duration > smooth(ZIGZAG, SLOW).duration
         with pytest.raises(ValueError, match=r'path_tolerance = 0.01 rad: .* with a look-ahead'):
-            smooth(ZIGZAG, SLOW, path_tolerance=0.01, **given)
+            smooth(ZIGZAG, SLOW, path_tolerance=0.01, **options)
 
 
 @pytest.mark.parametrize('value', [-0.001, 0.51, float('nan'), float('inf')])
-def test_a_tolerance_that_is_wrong_is_refused(value: float) -> None:
+def test_invalid_tolerance_is_rejected(value: float) -> None:
     with pytest.raises(ValueError, match=r'path_tolerance = .* rad: must be 0 … 0.5'):
         smooth(np.zeros((3, 6)), ARM, path_tolerance=value)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Interpolation between points: whatever polynomial they are of comes out again."""
+"""Interpolation reproduces the polynomial from which its points were sampled."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def sampled(degree: int, orders: int) -> tuple[list[np.poly1d], list[np.ndarray]
 
 
 @pytest.mark.parametrize(('degree', 'orders'), [(1, 1), (3, 2), (5, 3)])
-def test_a_polynomial_of_the_degree_comes_out_again_with_its_derivatives(degree, orders):
+def test_polynomial_and_derivatives_are_reproduced(degree, orders):
     joints, parts = sampled(degree, orders)
     times = np.linspace(0.0, 1.0, 41)
     found = Interpolation(TIMES, *parts).at(times)
@@ -36,7 +36,7 @@ def test_a_polynomial_of_the_degree_comes_out_again_with_its_derivatives(degree,
 
 
 @pytest.mark.parametrize('orders', [1, 2, 3])
-def test_one_time_is_as_many_times(orders):
+def test_scalar_and_array_times_give_equal_values(orders):
     _, parts = sampled(6, orders)
     spline = Interpolation(TIMES, *parts)
     times = np.linspace(0.0, 1.0, 12)
@@ -46,28 +46,28 @@ def test_one_time_is_as_many_times(orders):
             np.testing.assert_allclose(value, values[index], rtol=1e-12, atol=1e-12)
 
 
-def test_the_value_of_a_cubic_is_that_of_the_interpolation():
+def test_cubic_equals_the_interpolation():
     _, (positions, velocities) = sampled(6, 2)
-    share, h = np.linspace(0.0, 1.0, 9), TIMES[3] - TIMES[2]
+    fraction, h = np.linspace(0.0, 1.0, 9), TIMES[3] - TIMES[2]
     begin, end = ((positions[i], velocities[i]) for i in (2, 3))
-    expected, _, _ = Interpolation(TIMES, positions, velocities).at(TIMES[2] + share * h)
-    np.testing.assert_allclose(cubic(share[:, None], h, begin, end), expected, atol=1e-12)
+    expected, _, _ = Interpolation(TIMES, positions, velocities).at(TIMES[2] + fraction * h)
+    np.testing.assert_allclose(cubic(fraction[:, None], h, begin, end), expected, atol=1e-12)
 
 
-def test_a_short_segment_far_away_loses_no_digits():
+def test_short_segment_at_a_large_value_loses_no_digits():
     far = np.array([1e6])
     coefficients = hermite((far, np.zeros(1)), (far + 1e-9, np.zeros(1)))
     assert coefficients[0] == far
     assert np.all(np.abs(coefficients[1:]) <= 1e-8)
 
 
-def test_accelerations_without_velocities_do_not_count():
+def test_accelerations_without_velocities_are_ignored():
     _, (positions, _, accelerations) = sampled(5, 3)
     position, _, _ = Interpolation(TIMES, positions, None, accelerations).at(0.15)
     np.testing.assert_allclose(position, positions[:2].mean(axis=0))
 
 
-def test_central_differences_rest_at_both_ends():
+def test_central_differences_are_zero_at_both_ends():
     values = (TIMES**2)[:, None]
     slopes = central_differences(TIMES, values)
     assert slopes[[0, -1]].tolist() == [[0.0], [0.0]]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans do not depend on the matrix kernel that OpenBLAS chooses for a processor."""
+"""Plans do not depend on OpenBLAS's matrix kernel for a processor."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 OTHER = 'Prescott'
-"""Runs on every x86-64 machine, and is no machine's default."""
+"""A kernel that runs on every x86-64 machine and is never the default."""
 
 PLANS = """
 from benchmark.limit_sets import limit_set
@@ -20,12 +20,12 @@ for trajectory in benchmark_set():
     if trajectory.name in ('sparse_corners', 'moveit_100_percent'):
         motion = smooth(trajectory.positions, limit_set('full'))
         for row in (motion.times, *motion.positions.T):
-            print(*(each.hex() for each in row.tolist()))
+            print(*(value.hex() for value in row.tolist()))
 """
 
 
 @pytest.mark.slow
-def test_plans_are_the_same_under_another_kernel() -> None:
+def test_plans_are_equal_under_another_kernel() -> None:
     """docs/smoother.md: the same times, positions within 1e-6 rad."""
 
     def plans(**variables: str) -> list[list[float]]:
@@ -36,7 +36,7 @@ def test_plans_are_the_same_under_another_kernel() -> None:
             text=True,
             check=True,
         )
-        return [[float.fromhex(each) for each in row.split()] for row in run.stdout.splitlines()]
+        return [[float.fromhex(value) for value in row.split()] for row in run.stdout.splitlines()]
 
     here, there = plans(), plans(OPENBLAS_CORETYPE=OTHER)
     assert len(here) == 2 * 7

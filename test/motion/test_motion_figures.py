@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of known motions, and where and when they pass their waypoints."""
+"""Figures of known motions, and the places and times at which they pass waypoints."""
 
 import numpy as np
 import pytest
@@ -15,28 +15,28 @@ TIMES = np.arange(0.0, 4.0005, 0.001)
 
 
 def pulses(times):
-    """Four moves with a rest between, each half of its second long."""
-    share = np.clip(times % 1.0 / 0.5, 0.0, 1.0)
-    return times // 1.0 + share - np.sin(2 * np.pi * share) / (2 * np.pi)
+    """Return four moves of 0.5 s, each followed by a rest of 0.5 s."""
+    fraction = np.clip(times % 1.0 / 0.5, 0.0, 1.0)
+    return times // 1.0 + fraction - np.sin(2 * np.pi * fraction) / (2 * np.pi)
 
 
-def test_stops_are_counted_and_those_that_were_commanded_told_apart():
+def test_stops_exclude_commanded_rests():
     motion = motion_of(TIMES, lambda times: 0.2 * pulses(times))
     assert measure(motion, None, LIMITS).stops == 3
-    at = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 3.6])
+    moments = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 3.6])
     where = np.array([0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.1, 4.0, 4.0])
-    command = Trajectory(NAMES, at, 0.2 * np.stack([where, 0.0 * where], axis=1))
+    command = Trajectory(NAMES, moments, 0.2 * np.stack([where, 0.0 * where], axis=1))
     assert commanded_rests(command, LIMITS) == 3 - 1  # the third is slow, but no rest
     figures = measure(motion, command, LIMITS)
     assert (figures.stops, figures.commanded_stops) == (1, 2)
 
 
-def test_turning_round_is_no_stop():
+def test_reversal_is_no_stop():
     motion = motion_of(TIMES, lambda times: 0.5 * (1 - np.cos(2 * np.pi * times / 4.0 * 2)))
     assert measure(motion, None, LIMITS).stops == 0
 
 
-def test_multiples_of_the_limits():
+def test_figures_are_multiples_of_the_limits():
     motion = motion_of(TIMES, lambda times: np.sin(2.0 * times))
     figures = measure(motion, None, LIMITS)
     assert figures.velocity == pytest.approx(2.0 / 8.0, rel=1e-3)
@@ -44,12 +44,12 @@ def test_multiples_of_the_limits():
     assert figures.duration == pytest.approx(4.0)
 
 
-def test_a_plan_that_stays_where_it_is_has_no_rests_between():
+def test_plan_at_one_position_has_no_intermediate_rests():
     command = Trajectory(NAMES, np.array([0.0, 1.0, 2.0]), np.full((3, 2), 0.3))
     assert commanded_rests(command, LIMITS) == 0
 
 
-def test_passages_are_found_between_samples_and_in_order():
+def test_passages_are_found_between_samples_in_order():
     times = np.arange(0.0, 2.005, 0.01)
     motion = motion_of(times, lambda times: np.sin(np.pi * times))  # up, down, and up again
     a = [0.0, 0.5, 1.0, 0.5, -1.0, 0.0]
@@ -57,13 +57,13 @@ def test_passages_are_found_between_samples_and_in_order():
     errors, when = passed(waypoints, motion)
     expected = np.array([0.0, 1 / 6, 0.5, 5 / 6, 1.5, 2.0])
     assert np.abs(when - expected)[[0, 1, 2, 3, 5]].max() < 0.02
-    assert abs(when[4] - 1.5) < 0.15  # 0.1 rad away all that time
+    assert abs(when[4] - 1.5) < 0.15  # 0.1 rad away during that time
     assert errors[[0, 1, 2, 3, 5]].max() < 1e-4
     assert errors[4] == pytest.approx(0.1)
     assert passages(waypoints, motion.positions)[0] == 0
 
 
-def test_long_motions_are_searched_sparingly_with_the_same_result(monkeypatch):
+def test_sparse_search_of_long_motions_gives_the_same_result(monkeypatch):
     motion = smoothed(PLAN, LIMITS, period=0.001)
     expected = passed(CURVE, motion)
     monkeypatch.setattr(passages_module, 'MAX_COMPARED_PAIRS', 1000)

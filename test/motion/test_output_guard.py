@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The second line of defence: a plan that is wrong ends in braking, within all limits.
+"""The output guard: a wrong plan ends with a stop within all limits.
 
 Invariants 2, 3 and 9 of docs/invariants.md.
 """
@@ -27,7 +27,7 @@ FAR = np.array([1.0, -0.8, 0.6, 0.9, 0.7, -0.5])
 
 
 def too_fast(timing: TimeParametrisation) -> TimeParametrisation:
-    """Return a timing in half the time."""
+    """Return a timing at double speed."""
     return TimeParametrisation(
         timing.times / 2.0, timing.positions, timing.velocities * 2.0, timing.accelerations * 4.0,
         timing.jerks * 8.0,
@@ -43,7 +43,7 @@ def no_number(knots: Knots) -> Knots:
 
 
 def outside(knots: Knots) -> Knots:
-    """Return knots whose last one is far outside the position limits."""
+    """Return the knots with the last one far outside the position limits."""
     position = knots.position.copy()
     position[-1] += 20.0
     return dataclasses.replace(knots, position=position)
@@ -68,16 +68,16 @@ def assert_kept(positions: list[Array], limits: JointLimits = ARM) -> None:
 
 @pytest.mark.parametrize('which', one_in(2, [1, 4]))
 @pytest.mark.parametrize('fault', FAULTS)
-def test_a_wrong_plan_ends_in_braking_within_all_limits(
+def test_wrong_plan_ends_with_a_stop_within_all_limits(
     fault: str, which: int | None, caplog: pytest.LogCaptureFixture
 ) -> None:
-    asked = 0
+    plans = 0
 
     def planner(request: Request, limits: JointLimits) -> Plan | None:
-        nonlocal asked
-        asked += 1
+        nonlocal plans
+        plans += 1
         good = plan(request, limits)
-        wrong = good is not None and which is not None and asked >= which
+        wrong = good is not None and which is not None and plans >= which
         return FAULTS[fault](good) if wrong else good
 
     smoother = Smoother(ARM, np.zeros(6), planner=planner)
@@ -102,7 +102,7 @@ def test_a_wrong_plan_ends_in_braking_within_all_limits(
     assert 'joint_' in str(violation)
     assert 'beyond the limit' in str(violation)
     assert_kept(positions)
-    # and it works again
+    # the next motion works
     which = None
     goal = positions[-1] + 0.1
     smoother.append(goal)
@@ -129,8 +129,8 @@ def bound_motions(jerks: Array, dt: float) -> list[Motion]:
 
 
 @pytest.mark.parametrize('dt', [1e-4, 1e-3, 4e-3])
-def test_whatever_keeps_the_jerk_limit_is_let_through(dt: float) -> None:
-    """The bounds are those that the jerk limit implies, whatever happens between two outputs."""
+def test_motion_within_the_jerk_limit_passes_the_guard(dt: float) -> None:
+    """The bounds follow from the jerk limit for any motion between two outputs."""
     rng = np.random.default_rng(1)
     steps = rng.choice([-1.0, 1.0], (4000, 6)) * ARM.jerk
     motions = bound_motions(steps, dt)
@@ -139,7 +139,7 @@ def test_whatever_keeps_the_jerk_limit_is_let_through(dt: float) -> None:
         velocity=np.full(6, 1e9), acceleration=np.full(6, 1e9),
     )  # fmt: skip
     guard = OutputGuard(motions[0])
-    # the roundings are shares of the limits: none here
+    # the rounding tolerance scales with the limits, so it is irrelevant here
     guard_limits = dataclasses.replace(
         wide, velocity=ARM.velocity * 1e3, acceleration=ARM.acceleration * 1e3
     )
@@ -161,7 +161,9 @@ def test_whatever_keeps_the_jerk_limit_is_let_through(dt: float) -> None:
         ('acceleration', lambda q, v, a: (q, v, a * np.nan)),
     ],
 )
-def test_each_violation_is_named(quantity: str, change: Callable[..., tuple[Array, ...]]) -> None:
+def test_violation_is_named_by_its_quantity(
+    quantity: str, change: Callable[..., tuple[Array, ...]]
+) -> None:
     still = Motion(np.zeros(6), np.zeros(6), np.zeros(6))
     guard = OutputGuard(still)
     violation = guard.violation(Motion(*change(*still)), DT, ARM)
@@ -174,6 +176,6 @@ def test_each_violation_is_named(quantity: str, change: Callable[..., tuple[Arra
     'seeds', [range(200, 202), pytest.param(range(202, 206), marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize('dt', [pytest.param(1e-3, marks=pytest.mark.slow), 4e-3, 0.02, 0.1])
-def test_no_alarm_is_false_however_long_a_step_is(dt: float, seeds: range) -> None:
+def test_steps_of_any_length_cause_no_false_alarm(dt: float, seeds: range) -> None:
     for seed in seeds:
         assert random_run(seed, dt).smoother.violations == 0

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Planning in a user's process leaves the threads of BLAS alone."""
+"""Planning in a user's process does not use BLAS threads."""
 
 import subprocess
 import sys
@@ -23,16 +23,16 @@ for trajectory in benchmark_set():
         smoother.append(point)
     smoother.finish()
     for planned in (lambda: smoother.step(0.0), lambda: smooth(points, limits)):
-        began, of_this = time.process_time(), time.thread_time()
+        started, of_this = time.process_time(), time.thread_time()
         planned()
         used = time.thread_time() - of_this
-        print((time.process_time() - began) / used)
+        print((time.process_time() - started) / used)
 """
 
 
 @pytest.mark.slow
-def test_planning_takes_no_other_threads_of_a_users_process() -> None:
-    """Those of BLAS would wait for more in a loop."""
+def test_planning_uses_only_the_calling_thread() -> None:
+    """BLAS threads would busy-wait for more work."""
     run = subprocess.run(
         [sys.executable, '-c', OWN_THREADS],
         env={'PATH': '', 'PYTHONPATH': ':'.join(sys.path)},
@@ -40,6 +40,6 @@ def test_planning_takes_no_other_threads_of_a_users_process() -> None:
         text=True,
         check=True,
     )
-    shares = [float(line) for line in run.stdout.split()]
-    assert len(shares) == 4
-    assert max(shares) < 1.1
+    ratios = [float(line) for line in run.stdout.split()]
+    assert len(ratios) == 4
+    assert max(ratios) < 1.1

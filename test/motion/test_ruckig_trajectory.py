@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ruckig finds no trajectory: nothing raises on the way to a stop."""
+"""Stops do not fail if Ruckig finds no trajectory."""
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ STATE = (
     np.array([0.0, 0.0, 0.0, 0.3605768254346811, 0.4389944389642877, 0.0]),
     np.array([0.0, 0.0, 0.0, -24.76135767620861, -30.14641417389261, 0.0]),
 )
-"""On some processors Ruckig raises from here when it is to stop all joints together: it depends on
-the last bit. Hypothesis found it."""
+"""State for which Ruckig raises on some processors when it stops all joints synchronously. It
+depends on the last bit, and was found by Hypothesis."""
 
 
 class RaisingTogether(Ruckig):
-    """Raises on every processor what it raises on some."""
+    """Raises on every processor the error of some processors."""
 
     def calculate(self, inp, trajectory):
         if inp.synchronization is Synchronization.Time:
@@ -40,22 +40,22 @@ def impossible():
     return inp
 
 
-def test_ruckig_raises_what_is_no_runtime_error():
-    """Why `calculated` names RuckigError. Fails when Ruckig mends that: then less is needed."""
+def test_ruckig_error_is_no_runtime_error():
+    """So `calculated` names RuckigError. If this fails, Ruckig has fixed it."""
     assert not issubclass(RuckigError, RuntimeError | ValueError)
     with pytest.raises(RuckigError):
         Ruckig(1).calculate(impossible(), Trajectory(1))
 
 
-def test_no_trajectory_is_none_or_a_runtime_error():
+def test_missing_trajectory_is_none_or_a_runtime_error():
     assert calculated(impossible()) is None
     with pytest.raises(RuntimeError, match='found no trajectory'):
         solve(impossible())
     assert ruckig_move.move((0.0, 0.0, 0.0), 1.0, 1.0, 0.0, 1.0) is None
 
 
-def test_a_move_whose_speed_is_reached_just_at_the_end_of_its_ramps_is_found():
-    """A line of 20 mm at 0.1 m/s with 1 m/s² and 10 m/s³ is one: Ruckig finds 9 of 10 of them."""
+def test_move_that_just_reaches_its_speed_is_found():
+    """For example 20 mm at 0.1 m/s, 1 m/s² and 10 m/s³. Ruckig alone finds 9 of 10."""
     random, missed = np.random.default_rng(0), 0
     for _ in range(300):
         ramp, acceleration = random.choice([0.05, 0.1, 0.2]), random.choice([0.5, 1.0, 7.0, 50.0])
@@ -69,11 +69,11 @@ def test_a_move_whose_speed_is_reached_just_at_the_end_of_its_ramps_is_found():
         missed += point_to_point._calculated(inp) is None
         assert solve(inp).duration == pytest.approx(4.0 * ramp, rel=1e-6)
         assert inp.max_jerk == [rounded[3]]
-    assert missed, 'Ruckig has mended that: less is needed'
+    assert missed, 'Ruckig has fixed this'
 
 
 @pytest.mark.invariant(2, 3)
-def test_inv2_where_ruckig_raises_for_all_joints_together_each_stops_by_itself(monkeypatch):
+def test_inv2_joints_stop_independently_if_a_synchronous_stop_fails(monkeypatch):
     together = fastest_stop(LIMITS, STATE)
     monkeypatch.setattr(point_to_point, 'Ruckig', RaisingTogether)
     motion = fastest_stop(LIMITS, STATE)

@@ -3,6 +3,8 @@
 """The tracker of setpoints: limits by exact extrema, rest at the end, braking, lag."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 
+from benchmark.exact_extrema import exact_extrema
 from epson_driver.motion.joint_motion import JointMotion, fastest_move, fastest_stop
 from epson_driver.motion.setpoint_tracker import (
     RETURN_S,
@@ -32,83 +35,27 @@ def pose(*values):
     return np.array([*values, *[0.0] * (N - len(values))])
 
 
-class Usage:
-    """The greatest share of each limit between two moments of a motion, by exact extrema."""
-
-    def __init__(self, limits):
-        self.limits = limits
-        self.velocity = self.acceleration = self.jerk = 0.0
-        self.low = np.full(N, np.inf)
-        self.high = np.full(N, -np.inf)
-        self.before = None
-
-    def see(self, motion, begin, end):
-        """Take a motion from `begin` to `end`, s."""
-        for joint in range(N):
-            times = motion.times[joint]
-            for piece, jerk in enumerate(motion.jerks[joint]):
-                first = max(begin, times[piece]) - times[piece]
-                last = min(end, times[piece + 1]) - times[piece]
-                if last > first:
-                    state = [float(each[joint, piece]) for each in motion.states]
-                    self._piece(joint, state, float(jerk), first, last)
-
-    def _piece(self, joint, state, jerk, first, last):
-        p, v, a = state
-
-        def speed(t):
-            return v + t * (a + t * jerk / 2)
-
-        def place(t):
-            return p + t * (v + t * (a / 2 + t * jerk / 6))
-
-        limits = self.limits
-        self.jerk = max(self.jerk, abs(jerk) / limits.jerk[joint])
-        moments = [first, last]
-        if jerk:
-            moments.append(-a / jerk)
-            root = a * a - 2 * jerk * v
-            if root >= 0:
-                moments += [(-a + sign * math.sqrt(root)) / jerk for sign in (1, -1)]
-        elif a:
-            moments.append(-v / a)
-        inside = [t for t in moments if first <= t <= last]
-        for t in inside:
-            self.velocity = max(self.velocity, abs(speed(t)) / limits.velocity[joint])
-            self.acceleration = max(
-                self.acceleration, abs(a + jerk * t) / limits.acceleration[joint]
-            )
-            self.low[joint] = min(self.low[joint], place(t))
-            self.high[joint] = max(self.high[joint], place(t))
-
-    def assert_kept(self):
-        assert self.velocity <= SLACK
-        assert self.acceleration <= SLACK
-        assert self.jerk <= SLACK
-        assert np.all(self.low >= self.limits.position_min - 1e-9)
-        assert np.all(self.high <= self.limits.position_max + 1e-9)
-
-
 class Run:
-    """A tracker whose every step is measured."""
+    """A tracker whose executed motion is recorded."""
 
-    def __init__(self, start=HOME, limits=LIMITS):
-        self.tracker = SetpointTracker(limits, start)
-        self.usage = Usage(limits)
+    def __init__(self):
+        self.tracker = SetpointTracker(LIMITS, HOME)
+        self.executed, self.now = [], 0.0
         self.last = self.tracker.state
 
     def step(self, dt=PERIOD):
-        """Step; what is executed goes on from where it was, without a jump."""
+        """Step, and assert that the motion continues without a jump."""
         tracker = self.tracker
         for before, now in zip(self.last, tracker.state, strict=True):
             np.testing.assert_allclose(now, before, rtol=0.0, atol=1e-9)
-        begin = tracker.time
+        if not self.executed or tracker.motion is not self.executed[-1][1]:
+            self.executed.append((self.now - tracker.time, tracker.motion))
         self.last = tracker.step(dt)
-        self.usage.see(tracker.motion, begin, tracker.time)
+        self.now += dt
         return self.last
 
     def rest(self):
-        """Go on until it rests; return where."""
+        """Step until the tracker rests, and return its position."""
         while not self.tracker.at_rest:
             self.step()
         position, velocity, acceleration = self.last
@@ -116,9 +63,21 @@ class Run:
         assert not acceleration.any()
         return position
 
+    def assert_kept(self, low=-np.inf, high=np.inf):
+        """Assert all limits, and the bounds on positions, at every instant."""
+        limits = replace(
+            LIMITS,
+            position_min=np.maximum(LIMITS.position_min, low),
+            position_max=np.minimum(LIMITS.position_max, high),
+        )
+        run = SimpleNamespace(executed=self.executed, now=self.now, limits=limits)
+        extrema = exact_extrema(run, HOME)
+        assert extrema.worst <= SLACK
+        assert extrema.outside <= 1e-9
+
 
 def aim(position, velocity=HOME, acceleration=HOME, low=-np.inf, high=np.inf):
-    """Return an aim that may be passed, unless `low` or `high` say how far."""
+    """Return an aim without bounds, except `low` and `high`."""
     return Aim(position, velocity, acceleration, np.full(N, low), np.full(N, high))
 
 
@@ -138,14 +97,14 @@ EVENTS = st.one_of(
 )
 STEPS = st.one_of(st.just(PERIOD), st.floats(0.001, 0.2), st.floats(0.5, 2.0))
 LATE = st.one_of(st.just(1.0), st.floats(0.0, 3.0))
-"""How many times the step that was planned passes before the next."""
+"""Actual duration of a step, as a multiple of the planned one."""
 
 
 @pytest.mark.invariant(2)
 @given(st.lists(st.tuples(EVENTS, STEPS, LATE, SHARES), min_size=1, max_size=40))
 @settings(max_examples=examples(200))
-def test_inv2_any_stream_keeps_every_limit_at_every_instant_and_rests(events):
-    """docs/invariants.md, 2 and 3: exact extrema between the steps, whatever comes when."""
+def test_inv2_any_stream_respects_every_limit_and_ends_at_rest(events):
+    """Exact extrema are checked between the steps, for any sequence of events."""
     run = Run()
     for (kind, value), dt, late, speed in events:
         tracker, here = run.tracker, run.last[0]
@@ -170,33 +129,31 @@ def test_inv2_any_stream_keeps_every_limit_at_every_instant_and_rests(events):
         run.step(dt * late)
     run.tracker.brake()
     run.rest()
-    run.usage.assert_kept()
+    run.assert_kept()
 
 
 def stop_time(run):
-    """Return how long any stop takes at most from here, s: the longest there is."""
+    """Return an upper bound for the duration of a stop, s."""
     limits = run.tracker.limits
     longest = limits.velocity / limits.acceleration + 2.0 * limits.acceleration / limits.jerk
-    return float(longest.max()) * 3.0  # with a way back, at the end of the range
+    return float(longest.max()) * 3.0  # includes a return at the end of the range
 
 
 @pytest.mark.invariant(2)
 @given(st.lists(st.tuples(SMALL, VELOCITIES, st.floats(0.004, 0.1)), min_size=1, max_size=30))
 @settings(max_examples=examples(100))
-def test_inv2_what_the_stream_has_shown_is_not_passed_where_a_stop_fits(aims):
-    """Whatever the law wants: from rest, nothing passes walls that stay where they are."""
+def test_inv2_positions_shown_by_the_stream_are_not_exceeded(aims):
+    """From rest, no joint exceeds constant bounds, for any aims."""
     run, walls = Run(), np.full(N, 0.03)
     for position, velocity, dt in aims:
         run.tracker.follow(dt, Aim(position, velocity, HOME, -walls, walls))
         run.step(dt)
     run.rest()
-    run.usage.assert_kept()
-    assert np.all(run.usage.low >= -walls - 1e-9)
-    assert np.all(run.usage.high <= walls + 1e-9)
+    run.assert_kept(-walls, walls)
 
 
-def test_a_joint_that_only_just_moves_turns_back():
-    """Where it turns was sought by a difference that rounding made 0."""
+def test_nearly_stationary_joint_reverses():
+    """Its reversal was once computed from a difference that rounding made 0."""
     run, still = Run(), np.zeros((N, 1))
     state = HOME, pose(-1.1137833119019889e-26), pose(-0.0013652513950752798)
     run.tracker.motion = JointMotion(state, np.ones((N, 1)), still)
@@ -205,18 +162,18 @@ def test_a_joint_that_only_just_moves_turns_back():
         run.tracker.follow(0.1, aim(pose(0.1), low=-1.2e-3, high=1.2e-3))
         run.step(0.1)
     run.rest()
-    run.usage.assert_kept()
+    run.assert_kept()
 
 
 def go_to(run, position, seconds):
-    """Follow a position that stands, from joints that come from 0."""
+    """Follow a constant position between 0 and it."""
     for _ in range(round(seconds / PERIOD)):
         low, high = np.minimum(position, 0.0), np.maximum(position, 0.0)
         run.tracker.follow(PERIOD, Aim(position, HOME, HOME, low, high))
         run.step()
 
 
-def test_it_rests_exactly_at_the_last_setpoint():
+def test_tracker_rests_exactly_at_the_last_setpoint():
     run = Run()
     for count in range(1, 40):
         place = pose(0.01 * count, -0.004 * count)
@@ -225,18 +182,10 @@ def test_it_rests_exactly_at_the_last_setpoint():
     go_to(run, place, 1.0)
     assert run.tracker.at_rest
     np.testing.assert_allclose(run.rest(), pose(0.39, -0.156), rtol=0.0, atol=1e-9)
-    run.usage.assert_kept()
-    assert run.usage.high[0] <= 0.39 + 1e-9  # never beyond it
+    run.assert_kept(high=np.append(0.39, LIMITS.position_max[1:]))
 
 
-def test_without_a_word_it_comes_to_rest():
-    run = Run()
-    go_to(run, pose(2.0), 0.4)
-    assert run.tracker.remaining < 0.5
-    assert run.rest()[0] < 1.0
-
-
-def test_braking_far_from_the_setpoint_stops():
+def test_braking_far_from_the_setpoint_stops_the_joint():
     run = Run()
     go_to(run, pose(2.0), 0.4)
     speed = run.last[1][0]
@@ -246,8 +195,8 @@ def test_braking_far_from_the_setpoint_stops():
 
 
 @pytest.mark.parametrize('speed', [0.02, 0.1, 0.4, 1.2])
-def test_braking_ends_exactly_at_a_setpoint_that_was_followed_and_soon(speed):
-    """The arm leads over the setpoint by 36 ms and a stop, so it comes back from beyond."""
+def test_braking_soon_ends_exactly_at_the_followed_setpoint(speed):
+    """The arm is 36 ms and a stop ahead of the setpoint, so it returns."""
     run, velocity = Run(), pose(speed, -speed / 2.0, 0.0, speed / 3.0)
     for count in range(30):
         run.tracker.follow(PERIOD, aim(PERIOD * count * velocity, velocity))
@@ -257,10 +206,10 @@ def test_braking_ends_exactly_at_a_setpoint_that_was_followed_and_soon(speed):
     run.tracker.brake(last)
     assert stop < run.tracker.remaining <= stop + RETURN_S
     np.testing.assert_allclose(run.rest(), last, rtol=0.0, atol=1e-9)
-    run.usage.assert_kept()
+    run.assert_kept()
 
 
-def test_the_return_to_the_last_setpoint_keeps_to_the_speed_scaling():
+def test_return_to_the_last_setpoint_respects_the_speed_scaling():
     run, share, back = Run(), 0.02, []
     fastest = share * LIMITS.velocity[0]
     for count in range(30):
@@ -272,8 +221,8 @@ def test_the_return_to_the_last_setpoint_keeps_to_the_speed_scaling():
     assert 0.9 * fastest < max(back) <= SLACK * fastest
 
 
-def test_a_move_ends_at_its_target_where_ruckig_misses_it_at_first():
-    """From 1,000 moving states: it misses some by up to 1e-8 rad, which was no move at all."""
+def test_move_ends_at_its_target_although_ruckig_misses_it():
+    """Ruckig misses some of 1,000 targets by up to 1e-8 rad."""
     random, found = np.random.default_rng(0), 0
     for _ in range(1000):
         velocity, acceleration = random.uniform(-0.5, 0.5, (2, N))
@@ -285,7 +234,7 @@ def test_a_move_ends_at_its_target_where_ruckig_misses_it_at_first():
 
 
 @pytest.mark.invariant(2)
-def test_inv2_a_velocity_that_goes_on_rests_at_the_end_of_the_range():
+def test_inv2_continued_velocity_rests_at_the_end_of_the_range():
     run = Run()
     for _ in range(400):
         run.tracker.move(PERIOD, pose(1.5, -1.5))
@@ -293,20 +242,20 @@ def test_inv2_a_velocity_that_goes_on_rests_at_the_end_of_the_range():
     position = run.rest()
     assert position[0] == pytest.approx(LIMITS.position_max[0], abs=1e-6)
     assert position[1] == pytest.approx(LIMITS.position_min[1], abs=1e-6)
-    run.usage.assert_kept()
+    run.assert_kept()
 
 
-def test_a_velocity_is_reached_and_a_smaller_one_too():
+def test_velocities_are_reached_and_reduced():
     run = Run()
     for speed in (1.0, 0.2, -0.5):
         for _ in range(30):
             run.tracker.move(PERIOD, pose(speed))
             run.step()
         assert run.last[1][0] == pytest.approx(speed, rel=1e-6)
-    run.usage.assert_kept()
+    run.assert_kept()
 
 
-def test_a_steady_stream_is_followed_without_a_lag_or_jerk():
+def test_steady_stream_is_followed_without_lag_or_jerk():
     run = Run()
     for count in range(1, 60):
         run.tracker.follow(PERIOD, aim(pose(0.01 * count), pose(0.5)))
@@ -315,16 +264,16 @@ def test_a_steady_stream_is_followed_without_a_lag_or_jerk():
     assert abs(run.tracker.motion.jerks[0, 0]) < 1e-3 * LIMITS.jerk[0]
 
 
-def test_limits_are_a_share_and_never_too_fast_to_stop():
+def test_servo_limits_are_scaled_and_allow_a_stop_in_time():
     limits = servo_limits(WHOLE, 0.25, 10.0)
     np.testing.assert_allclose(limits.velocity, 0.25 * WHOLE.velocity)
     np.testing.assert_allclose(limits.jerk, 0.25 * WHOLE.jerk)
     short = servo_limits(WHOLE, 1.0, 0.1)
-    way = stopping_way(WHOLE, short.velocity)
-    np.testing.assert_allclose(2.0 * way / short.velocity, 0.1, rtol=1e-6)
+    distance = stopping_way(WHOLE, short.velocity)
+    np.testing.assert_allclose(2.0 * distance / short.velocity, 0.1, rtol=1e-6)
 
 
 @pytest.mark.parametrize('start', [[9.0] * N, [math.nan] * N, [0.0] * (N - 1)])
-def test_a_start_outside_the_range_is_refused(start):
+def test_start_outside_the_range_is_rejected(start):
     with pytest.raises(ValueError, match='start ='):
         SetpointTracker(LIMITS, np.array(start))

@@ -14,7 +14,7 @@ from epson_driver.motion.smoother import Mode
 
 
 @pytest.mark.parametrize('mode', Mode)
-def test_it_is_the_motion_of_the_smoother(mode: Mode) -> None:
+def test_smooth_returns_the_smoother_s_motion(mode: Mode) -> None:
     times = PLAN.times if mode is Mode.TIME_PRESERVING else None
     motion = smooth(CURVE.tolist(), LIMITS, times, period=0.01)
     same = smoothed(PLAN, LIMITS, mode, period=0.01)
@@ -24,7 +24,7 @@ def test_it_is_the_motion_of_the_smoother(mode: Mode) -> None:
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize(
-    ('waypoints', 'times', 'said'),
+    ('waypoints', 'times', 'expected'),
     [
         (CURVE[:, :1], None, r'waypoints have the shape .*: must be \(k, '),
         (CURVE[0], None, r'waypoints have the shape'),
@@ -34,16 +34,16 @@ def test_it_is_the_motion_of_the_smoother(mode: Mode) -> None:
         (CURVE, np.zeros(len(CURVE)), r'times must strictly increase'),
     ],
 )
-def test_what_cannot_be_smoothed_is_refused(waypoints: Any, times: Any, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_invalid_waypoints_are_rejected(waypoints: Any, times: Any, expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
         smooth(waypoints, LIMITS, times)
 
 
-def test_ways_that_are_planned_too_fast_take_longer() -> None:
+def test_plan_beyond_the_limits_takes_longer() -> None:
     assert smooth(CURVE, LIMITS, PLAN.times / 100).duration > PLAN.duration / 10
 
 
-def test_every_so_many_points_begin_and_end_alike() -> None:
+def test_every_keeps_both_ends() -> None:
     motion = smoothed(PLAN, LIMITS)
     some = every(motion, 3)
     assert np.array_equal(some.positions[:-1], motion.positions[::3][: len(some.times) - 1])

@@ -17,7 +17,7 @@ from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, p
 
 @pytest.mark.parametrize('mode', Mode)
 @pytest.mark.parametrize('look_ahead', [np.inf, 0.6])
-def test_the_motion_goes_through_all_points_without_a_stop_within_the_limits(mode, look_ahead):
+def test_motion_passes_all_points_without_a_stop_within_the_limits(mode, look_ahead):
     motion = smoothed(PLAN, LIMITS, mode, look_ahead, 0.001)
     figures = measure(motion, None, LIMITS)
     assert figures.stops == 0
@@ -35,14 +35,14 @@ def test_the_motion_goes_through_all_points_without_a_stop_within_the_limits(mod
     assert figures.duration < limit
 
 
-def test_points_are_as_far_apart_as_was_asked():
+def test_points_have_the_requested_period():
     fine, coarse = smoothed(PLAN, LIMITS, period=0.004), smoothed(PLAN, LIMITS, period=0.1)
     assert np.diff(fine.times) == pytest.approx(0.004)
     assert np.diff(coarse.times) == pytest.approx(0.1)
     assert coarse.duration - 0.1 < fine.duration <= coarse.duration + 1e-9
 
 
-def test_joints_are_put_in_order_and_the_first_time_is_kept():
+def test_joints_are_reordered_and_the_first_time_kept():
     swapped = Trajectory(NAMES[::-1], PLAN.times + 0.5, CURVE[:, ::-1])
     motion, same = smoothed(swapped, LIMITS), smoothed(PLAN, LIMITS)
     assert motion.joint_names == NAMES
@@ -50,27 +50,13 @@ def test_joints_are_put_in_order_and_the_first_time_is_kept():
     assert motion.times == pytest.approx(same.times + 0.5)
 
 
-def test_a_single_point_is_a_rest():
+def test_single_point_is_a_rest():
     motion = smoothed(Trajectory(NAMES, np.zeros(1), CURVE[:1]), LIMITS)
     assert np.all(motion.positions == CURVE[0])
     assert len(motion.times) >= 2
 
 
-@pytest.mark.parametrize(
-    ('change', 'words'),
-    [
-        ({'index': 3, 'value': 4.0}, 'point 3, b: position 4 is outside the limits -3 … 3 rad'),
-        ({'index': 0, 'value': np.nan}, 'b: position nan is outside the limits'),
-    ],
-)
-def test_what_cannot_be_smoothed_is_named(change, words):
-    positions = CURVE.copy()
-    positions[change['index'], 1] = change['value']
-    with pytest.raises(ValueError, match=words):
-        smoothed(Trajectory(NAMES, PLAN.times, positions), LIMITS)
-
-
-def test_numbers_that_make_no_sense_are_refused():
+def test_invalid_numbers_are_rejected():
     with pytest.raises(ValueError, match='period = 0'):
         smoothed(PLAN, LIMITS, period=0.0)
     with pytest.raises(ValueError, match='look_ahead = nan'):
@@ -82,7 +68,7 @@ def test_numbers_that_make_no_sense_are_refused():
         passed(CURVE, still)
 
 
-def test_retimed_is_the_same_plan_in_other_times():
+def test_retimed_changes_only_the_times():
     plan = retimed(Trajectory(NAMES, np.zeros(12), CURVE), LIMITS)
     assert np.array_equal(plan.positions, CURVE)
     assert np.all(np.diff(plan.times) > 0.0)
@@ -90,7 +76,7 @@ def test_retimed_is_the_same_plan_in_other_times():
     assert np.abs(plan.velocities / LIMITS.velocity).max() <= 1.0
 
 
-def test_retimed_leaves_out_points_that_count_as_one():
+def test_retimed_merges_close_points():
     doubled = np.repeat(CURVE, 2, axis=0)
     doubled[1::2, 0] += MERGE_TOLERANCE / 4
     plan = retimed(Trajectory(NAMES, np.zeros(24), doubled), LIMITS)
@@ -99,8 +85,8 @@ def test_retimed_leaves_out_points_that_count_as_one():
 
 
 @pytest.mark.invariant(2)
-def test_a_motion_that_would_break_a_limit_is_refused() -> None:
-    """Invariant 2: whoever plans wrongly, nothing of it is handed on."""
+def test_motion_beyond_a_limit_is_rejected() -> None:
+    """Invariant 2: a wrong plan is not returned."""
 
     def too_fast(request: Request, limits: JointLimits) -> Plan | None:
         faster = dataclasses.replace(
@@ -115,8 +101,8 @@ def test_a_motion_that_would_break_a_limit_is_refused() -> None:
         smoothed(PLAN, LIMITS, Mode.TIME_OPTIMAL, planner=too_fast, refine=False)
 
 
-def off_the_ways(motion, points):
-    """Return how far a motion is from the straight ways between points, in the worst joint."""
+def distance_from_lines(motion, points):
+    """Return a motion's distance from the lines between points, in the worst joint."""
     worst = 0.0
     for place in motion.positions:
         nearest = np.inf
@@ -129,7 +115,7 @@ def off_the_ways(motion, points):
 
 
 @pytest.mark.parametrize('spacing', [0.12, 0.15, 0.2, 0.25])
-def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times(spacing):
+def test_thinned_points_are_spaced_points_of_the_plan(spacing):
     dense = smoothed(PLAN, LIMITS, period=0.02)
     few = thinned(dense, LIMITS, spacing)
     gaps = np.diff(few.times)
@@ -142,27 +128,27 @@ def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times(spac
     assert np.abs(few.velocities[[0, -1]]).max() == 0.0
 
 
-def test_thinned_ways_keep_as_near_to_the_smooth_motion_as_is_asked():
-    """Invariant: whoever goes straight from point to point keeps to the plan."""
+def test_lines_between_thinned_points_stay_within_the_deviation():
+    """A controller that moves straight between the points follows the plan."""
     motion = smoothed(PLAN, LIMITS)
     counts = []
     for deviation in (np.inf, 0.02, 0.002):
         few = thinned(PLAN, LIMITS, 0.15, deviation)
         counts.append(len(few.times))
         if np.isfinite(deviation):
-            assert off_the_ways(motion, few.positions) <= deviation + 1e-6
+            assert distance_from_lines(motion, few.positions) <= deviation + 1e-6
     assert counts == sorted(counts)
     assert counts[0] < counts[-1]
 
 
-def test_points_that_are_too_far_apart_get_others_between_them():
+def test_distant_points_get_intermediate_points():
     sparse = thinned(PLAN, LIMITS, 0.05)
     assert np.diff(sparse.times).max() <= 0.1 + 1e-9
     for place in CURVE:
         assert np.abs(sparse.positions - place).max(axis=1).min() < 1e-5
 
 
-def test_one_point_and_two_points_can_be_thinned():
+def test_plans_of_one_or_two_points_can_be_thinned():
     one = thinned(Trajectory(NAMES, np.zeros(1), CURVE[:1]), LIMITS, 0.15)
     assert np.all(one.positions == CURVE[0])
     two = thinned(Trajectory(NAMES, np.array([0.0, 0.4]), CURVE[:2]), LIMITS, 0.15)
@@ -170,6 +156,6 @@ def test_one_point_and_two_points_can_be_thinned():
 
 
 @pytest.mark.parametrize(('spacing', 'deviation'), [(0.0, 1.0), (-1.0, 1.0), (0.1, 0.0)])
-def test_no_spacing_or_deviation_is_refused(spacing, deviation):
+def test_nonpositive_spacing_or_deviation_is_rejected(spacing, deviation):
     with pytest.raises(ValueError, match='must be positive'):
         thinned(PLAN, LIMITS, spacing, deviation)

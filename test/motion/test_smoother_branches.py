@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans that branch off the plan so far, what a plan may cost, and times that can be kept.
+"""Plans that branch off the current plan, the effort of a plan, and feasible times.
 
-Invariant 2 of docs/invariants.md: what is found some other way keeps every limit as well.
+Invariant 2 of docs/invariants.md: plans of every kind respect all limits.
 """
 
 import numpy as np
@@ -34,15 +34,15 @@ def move(
     durations: np.ndarray | None,
     look_ahead: float = np.inf,
 ) -> tuple[float, list[tuple[Request, Plan | None]]]:
-    """Return how long a motion takes, s, and what was planned for it."""
-    asked: list[tuple[Request, Plan | None]] = []
+    """Return a motion's duration, s, and its plans with their requests."""
+    answers: list[tuple[Request, Plan | None]] = []
 
-    def counted(request: Request, limits: JointLimits) -> Plan | None:
-        asked.append((request, planner.plan(request, limits)))
-        return asked[-1][1]
+    def recorded(request: Request, limits: JointLimits) -> Plan | None:
+        answers.append((request, planner.plan(request, limits)))
+        return answers[-1][1]
 
     mode = Mode.TIME_OPTIMAL if durations is None else Mode.TIME_PRESERVING
-    smoother = Smoother(limits, positions[0], mode, planner=counted)
+    smoother = Smoother(limits, positions[0], mode, planner=recorded)
     fed = 1
     while fed < len(positions) or smoother.moving:
         while fed < len(positions) and smoother.look_ahead < look_ahead:
@@ -54,20 +54,24 @@ def move(
         smoother.step(CYCLE_S)
         assert smoother.now < MAX_MOTION_S
     assert smoother.violations == 0
-    return smoother.now, asked
+    return smoother.now, answers
 
 
 def to_and_fro() -> FamilyMember:
-    """Return one joint's motion to and fro by ways of any size."""
+    """Return a back-and-forth motion of one joint with steps of any size."""
     return list(members('single_joint'))[2]
 
 
-def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> None:
+def test_plan_branches_off_the_current_one_if_no_new_one_is_found() -> None:
     member = to_and_fro()
-    _, asked = move(member.limits, member.positions, None, 0.3)
-    missing = [request for request, plan in asked if plan is None]
-    assert len(missing) <= 0.02 * len(asked)
-    branched = [(ask, plan) for ask, plan in asked if plan is not None and plan.proposer == BRANCH]
+    _, answers = move(member.limits, member.positions, None, 0.3)
+    missing = [request for request, plan in answers if plan is None]
+    assert len(missing) <= 0.02 * len(answers)
+    branched = [
+        (request, plan)
+        for request, plan in answers
+        if plan is not None and plan.proposer == BRANCH
+    ]
     assert branched
     for request, plan in branched:
         assert request.former is not None
@@ -75,11 +79,11 @@ def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> No
         begin = plan.timing.at(0.0)
         assert begin == pytest.approx(request.state)
         assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
-        assert len(plan.knots.u) > len(request.older.u), 'it goes on'
+        assert len(plan.knots.u) > len(request.older.u), 'longer than the current plan'
 
 
 @pytest.mark.parametrize('name', ['single_joint', 'close_pairs', 'mixed_sizes'])
-def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plan_stays_within_its_effort(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     spent: list[float] = []
     spend = Effort.spend
 
@@ -100,7 +104,7 @@ def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPat
     while smoother.moving:
         smoother.step(CYCLE_S)
         assert smoother.now < MAX_MOTION_S
-    # the last step, round and verification of each part is not cut off
+    # the last step and verification of each part may exceed the effort
     assert 0.0 < max(spent) <= 1.25 * MAX_EFFORT_US
 
 
@@ -108,45 +112,43 @@ def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize(
     'stations', [(0.0, 0.5), (0.0, 0.1, 0.9), (0.0, 0.3, 0.6, 0.9), (0.0, 0.05, 0.1)]
 )
-def test_a_short_move_keeps_the_time_that_the_limits_leave(
-    stations: tuple[float, ...], pace: float
-) -> None:
-    """A quarter more than the commanded speed does not make up for the ramps of a short move."""
+def test_short_move_keeps_a_feasible_time(stations: tuple[float, ...], pace: float) -> None:
+    """25 % above the commanded speed does not compensate for the ramps of a short move."""
     positions = np.zeros((len(stations), 6))
     positions[:, 0] = stations
     fastest, _ = move(ARM, positions, None)
-    ways = np.diff(stations)
-    durations = pace * fastest * ways / ways.sum()
-    taken, _ = move(ARM, positions, durations)
-    assert taken / durations.sum() <= 1.2
+    lengths = np.diff(stations)
+    durations = pace * fastest * lengths / lengths.sum()
+    duration, _ = move(ARM, positions, durations)
+    assert duration / durations.sum() <= 1.2
 
 
-def test_between_10_000_points_every_plan_is_found() -> None:
-    """They are 0.2 ms apart: what a plan costs does not grow with them beyond all effort."""
+def test_every_plan_through_10_000_points_is_found() -> None:
+    """They are 0.2 ms apart. The effort of a plan does not grow with their number."""
     rng, limits = np.random.default_rng(2), limit_set('full')
     poses = np.array([inside(rng, limits, 0.6) for _ in range(8)])
-    _, asked = move(limits, splined(poses, 10_000), None, 1.0)
-    assert all(plan is not None for _, plan in asked)
+    _, answers = move(limits, splined(poses, 10_000), None, 1.0)
+    assert all(plan is not None for _, plan in answers)
 
 
-def test_behind_a_long_slow_way_as_much_is_looked_at_as_anywhere() -> None:
-    """The horizon begins where the arm is, not where that way began."""
+def test_horizon_after_a_long_slow_segment_is_as_long_as_elsewhere() -> None:
+    """The horizon starts at the arm, not at the start of that segment."""
     known = 0.5
     positions = np.zeros((30, 6))
     positions[1:, 0] = 0.9 + 0.02 * np.arange(29)
     durations = np.append(2.0, np.full(28, 0.04))
-    _, asked = move(ARM, positions, durations, known)
-    moving = [request for request, _ in asked if len(request.kept.u) > 1]
+    _, answers = move(ARM, positions, durations, known)
+    moving = [request for request, _ in answers if len(request.kept.u) > 1]
     assert len(moving) > 3
     for request in moving:
         now = float(np.interp(request.state[0], request.kept.u, request.clock[:2]))
         assert request.clock[-1] - now > 0.8 * min(known, float(durations.sum()) - now)
 
 
-def test_a_plan_to_points_that_are_not_planned_for_now_is_no_error(
+def test_plan_to_points_beyond_the_horizon_is_no_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What is merged into the last point can make that later than a plan looks ahead."""
+    """Points merged into the last one can delay it beyond the horizon of a plan."""
     smoother = Smoother(ARM, np.zeros(6), Mode.TIME_PRESERVING)
     for number in range(1, 11):
         smoother.append(np.full(6, 0.02 * number), 0.05)
@@ -162,7 +164,7 @@ def test_a_plan_to_points_that_are_not_planned_for_now_is_no_error(
     assert smoother.motion.position == pytest.approx(np.full(6, 0.2))
 
 
-def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
+def test_straight_plan_from_rest_is_the_fallback(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
@@ -172,14 +174,14 @@ def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
     smoother.finish()
     request = smoother.request()
     assert request is not None
-    found = planner.plan(request, ARM)
-    assert found is not None
-    assert found.proposer == 'straight'
-    assert found.timing.end > 0.0
-    assert limit_usage(Path(found.knots), found.timing, ARM).allowed
+    result = planner.plan(request, ARM)
+    assert result is not None
+    assert result.proposer == 'straight'
+    assert result.timing.end > 0.0
+    assert limit_usage(Path(result.knots), result.timing, ARM).allowed
 
 
-def test_from_a_pause_the_arm_goes_on_along_its_path_whatever_the_search_finds(
+def test_resumed_arm_follows_its_path_if_the_search_fails(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     smoother = Smoother(ARM, np.zeros(6))
@@ -195,16 +197,16 @@ def test_from_a_pause_the_arm_goes_on_along_its_path_whatever_the_search_finds(
     smoother.resume()
     request = smoother.request()
     assert request is not None
-    assert len(request.kept.u) == 2, 'it rests between two knots'
+    assert len(request.kept.u) == 2, 'at rest between two knots'
     monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
-    found = planner.plan(request, ARM)
-    assert found is not None
-    assert found.proposer == 'simple'
-    assert found.timing.at(0.0) == request.state
-    assert limit_usage(Path(found.knots), found.timing, ARM).allowed
+    result = planner.plan(request, ARM)
+    assert result is not None
+    assert result.proposer == 'simple'
+    assert result.timing.at(0.0) == request.state
+    assert limit_usage(Path(result.knots), result.timing, ARM).allowed
 
 
-def test_from_rest_there_is_a_plan_though_the_first_way_took_all_of_the_effort(
+def test_plan_from_rest_is_found_after_the_effort_is_spent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def in_vain(problem: Problem, *_: object, **__: object) -> None:
@@ -229,10 +231,8 @@ def test_from_rest_there_is_a_plan_though_the_first_way_took_all_of_the_effort(
         ('shuttle_1000_points', 'full', 7.6),
     ],
 )
-def test_long_plans_without_times_are_not_broken_into_parts(
-    name: str, limits: str, duration: float
-) -> None:
-    """duration: about what the optimum takes, s. Broken into parts they took 1.7 times as long."""
+def test_long_plans_without_times_are_not_split(name: str, limits: str, duration: float) -> None:
+    """duration: approximate optimum, s. Split plans took 1.7 times as long."""
     positions = read_trajectory(share_file('config', 'trajectories', f'{name}.yaml')).positions
     needed, _ = move(limit_set(limits), positions, None)
     assert needed < 1.3 * duration
@@ -246,7 +246,7 @@ def sampled() -> TimeParametrisation:
 
 
 @pytest.mark.parametrize('begin', [0.0, 0.05, 0.1, 0.37])
-def test_a_part_of_a_timing_moves_as_the_timing_does(begin: float) -> None:
+def test_part_of_a_timing_equals_the_timing(begin: float) -> None:
     whole = sampled()
     part = whole.part(begin)
     assert part is not None
@@ -254,7 +254,7 @@ def test_a_part_of_a_timing_moves_as_the_timing_does(begin: float) -> None:
         assert part.at(float(time)) == pytest.approx(whole.at(begin + float(time)), abs=1e-14)
 
 
-def test_parts_of_a_timing_make_it_again() -> None:
+def test_joined_parts_reproduce_the_timing() -> None:
     whole = sampled()
     head, tail = whole.part(0.0, 0.13), whole.part(0.13)
     assert head is not None
@@ -265,7 +265,7 @@ def test_parts_of_a_timing_make_it_again() -> None:
         assert again.at(float(time)) == pytest.approx(whole.at(float(time)), abs=1e-14)
 
 
-def test_no_part_of_a_timing_is_empty() -> None:
+def test_empty_part_of_a_timing_is_none() -> None:
     whole = sampled()
     assert whole.part(0.0, 0.0) is None
     assert whole.part(whole.duration) is None

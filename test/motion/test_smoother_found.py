@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that once failed, and planners that do.
+"""Runs that once failed, and failing planners.
 
 Invariants 2, 3 and 9 of docs/invariants.md.
 """
@@ -16,32 +16,32 @@ from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.planner import plan
 
-NO_WAY = (2095, pytest.param(2134, marks=pytest.mark.slow))
-"""The arm rested on a point to rounding, and the path to it had no length: NaN."""
+NO_LENGTH = (2095, pytest.param(2134, marks=pytest.mark.slow))
+"""The arm was at rest on a point up to rounding, so the path had length 0, and NaN followed."""
 
 CRAWLING = (2298, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2819, 2950)))
-"""A sharp bend of 1e-4 rad made the move past it take a minute: no shorter one was tried."""
+"""A sharp bend of 1e-4 rad made a move take a minute, because no shorter one was tried."""
 
 
 @pytest.mark.filterwarnings('error::RuntimeWarning')
-@pytest.mark.parametrize('seed', NO_WAY + CRAWLING)
-def test_a_run_that_failed_stays_within_all_limits_and_comes_to_rest(seed: int) -> None:
+@pytest.mark.parametrize('seed', NO_LENGTH + CRAWLING)
+def test_formerly_failed_run_respects_all_limits_and_ends_at_rest(seed: int) -> None:
     assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)
 
 
 class Failing:
-    """A planner that raises while told to."""
+    """A planner that raises while `fails` is set."""
 
     def __init__(self) -> None:
         self.fails = False
 
     def __call__(self, request, limits):
         if self.fails:
-            raise ZeroDivisionError('no way')
+            raise ZeroDivisionError('injected')
         return plan(request, limits)
 
 
-def test_a_planner_that_raises_has_found_no_plan_and_the_arm_rests_on_the_plan_so_far(caplog):
+def test_raising_planner_lets_the_arm_stop_on_its_current_plan(caplog):
     """Invariant 9: an error in planning ends neither the controller nor the motion."""
     start = np.zeros(6)
     planner = Failing()
@@ -64,7 +64,7 @@ def test_a_planner_that_raises_has_found_no_plan_and_the_arm_rests_on_the_plan_s
     assert smoother.planner_errors > 1
     assert isinstance(smoother.planner_error, ZeroDivisionError)
     (record,) = caplog.records
-    assert record.exc_info is not None, 'said once, with its traceback'
+    assert record.exc_info is not None, 'logged once with its traceback'
     planner.fails = False
     for _ in range(20_000):
         smoother.step(1e-3)
@@ -75,7 +75,7 @@ def test_a_planner_that_raises_has_found_no_plan_and_the_arm_rests_on_the_plan_s
     assert np.allclose(smoother.motion.position, start + 0.025 * 39, atol=1e-9)
 
 
-def test_a_trajectory_whose_planner_raises_is_not_smoothed_for_ever():
+def test_smoothing_with_a_raising_planner_raises():
     planner = Failing()
     planner.fails = True
     positions = np.array([np.zeros(6), np.full(6, 0.1)])

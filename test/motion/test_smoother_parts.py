@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the smoother: path, timings, the verification, the linear solver."""
+"""Parts of the smoother: path, timings, verification, linear solvers."""
 
 import dataclasses
 import tracemalloc
@@ -48,8 +48,8 @@ def unbound(path: Path) -> Problem:
     return Problem(path, (0.0, 0.0, 0.0), LIMITS)
 
 
-def test_a_path_that_may_go_on_points_less_steeply_at_the_border_than_one_that_ends() -> None:
-    """Where nothing follows, the spline is as it is: a gentler end would cost time."""
+def test_continued_path_is_flatter_at_a_limit_than_a_final_one() -> None:
+    """A final path keeps the natural spline, because a flatter end would cost time."""
     points = np.array([[0.5, 0.1], [1.0, 0.2], [1.8, 0.3]])
     ends = [through(at_rest((0.0, 0.0)), points, LIMITS, False, final) for final in (False, True)]
     slopes = [path.knots.first[-1] for path in ends]
@@ -60,7 +60,7 @@ def test_a_path_that_may_go_on_points_less_steeply_at_the_border_than_one_that_e
     assert not any(path.outside(LIMITS).any() for path in ends)
 
 
-def test_a_path_goes_through_its_points_with_continuous_curvature() -> None:
+def test_path_passes_its_points_with_continuous_curvature() -> None:
     path = bow()
     before = path.sample(path.knots.u[1:-1] - 1e-9)
     after = path.sample(path.knots.u[1:-1] + 1e-9)
@@ -70,7 +70,7 @@ def test_a_path_goes_through_its_points_with_continuous_curvature() -> None:
     assert positions == pytest.approx(path.knots.position, abs=1e-14)
 
 
-def test_one_point_and_many_are_the_same_path() -> None:
+def test_scalar_and_array_evaluation_of_a_path_agree() -> None:
     path = bow()
     us = np.linspace(0.0, path.end, 50)
     q, first, second, _ = path.sample(us)
@@ -81,7 +81,7 @@ def test_one_point_and_many_are_the_same_path() -> None:
         assert one[2] == pytest.approx(second[index], abs=1e-7)
 
 
-def test_kept_knots_stay_as_they_are() -> None:
+def test_kept_knots_stay_unchanged() -> None:
     path = bow()
     kept = path.knots[:10]
     longer = through(kept, path.knots.position[10:] + 0.01, LIMITS)
@@ -90,15 +90,7 @@ def test_kept_knots_stay_as_they_are() -> None:
         assert new == pytest.approx(old, abs=1e-9)
 
 
-def test_a_path_between_points_at_a_limit_stays_inside() -> None:
-    points = np.array([[1.9, 1.9], [2.0, 2.0], [1.0, 2.0], [2.0, -2.0], [2.0, 1.0]])
-    path = through(at_rest((-1.0, 0.0)), points, LIMITS, clamped=False)
-    positions = path.sample(np.linspace(0.0, path.end, 5000))[0]
-    assert np.all(positions <= LIMITS.position_max + 1e-6)
-    assert np.all(positions >= LIMITS.position_min - 1e-6)
-
-
-def test_a_timing_is_the_integral_of_its_jerks() -> None:
+def test_timing_is_the_integral_of_its_jerks() -> None:
     timing = from_pieces((1.0, 0.0, 0.0), np.full(4, 0.1), np.array([10.0, -10.0, -10.0, 10.0]))
     times = np.linspace(0.0, timing.duration, 4001)
     u, v, a, _ = timing.sample(times)
@@ -112,14 +104,14 @@ def test_a_timing_is_the_integral_of_its_jerks() -> None:
     assert v[-1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_verification_allows_each_timing_that_is_found() -> None:
+def test_verification_allows_every_proposed_timing() -> None:
     problem = unbound(bow())
     for timing in (optimal.propose(problem, SpeedBounds(problem)), ruckig_move.only_move(problem)):
         assert timing is not None
         assert limit_usage(problem.path, timing, LIMITS).allowed
 
 
-def test_the_optimal_timing_is_the_fastest_and_uses_the_limits() -> None:
+def test_optimal_timing_is_the_fastest_and_uses_the_limits() -> None:
     problem = unbound(bow())
     best = optimal.propose(problem, SpeedBounds(problem))
     other = ruckig_move.only_move(problem)
@@ -130,7 +122,7 @@ def test_the_optimal_timing_is_the_fastest_and_uses_the_limits() -> None:
     assert load.jerk.max() > 0.9
 
 
-def test_on_a_straight_line_the_optimal_timing_is_ruckigs() -> None:
+def test_optimal_timing_on_a_straight_line_equals_ruckig_s() -> None:
     path = through(at_rest((-1.0, -1.0)), np.array([[1.0, 1.0]]), LIMITS, clamped=False)
     problem = unbound(path)
     best = optimal.propose(problem, SpeedBounds(problem))
@@ -144,7 +136,7 @@ def test_on_a_straight_line_the_optimal_timing_is_ruckigs() -> None:
     assert best.duration == pytest.approx(whole.duration, rel=0.03)
 
 
-def test_the_verification_sees_every_excess() -> None:
+def test_verification_detects_every_excess() -> None:
     path = bow()
     problem = unbound(path)
     timing = optimal.propose(problem, SpeedBounds(problem))
@@ -166,7 +158,7 @@ def test_the_verification_sees_every_excess() -> None:
 
 
 def sampled_usage(path: Path, timing: TimeParametrisation) -> list[float]:
-    """Return the largest multiples of the limits of velocity, acceleration, jerk in samples."""
+    """Return the largest sampled multiples of the velocity, acceleration and jerk limits."""
     times = np.linspace(0.0, timing.duration, 100_001)
     u, v, a, j = (values[:, None] for values in timing.sample(times))
     _, first, second, third = path.sample(u[:, 0])
@@ -180,16 +172,16 @@ def sampled_usage(path: Path, timing: TimeParametrisation) -> list[float]:
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('gap', [3e-4, 1e-3, 3e-3])
-def test_the_verification_sees_what_happens_on_a_segment_that_is_driven_in_no_time(
+def test_verification_detects_an_excess_on_a_very_short_segment(
     gap: float,
 ) -> None:
-    """Invariant 2: no sample can miss what no sample is needed for."""
+    """Invariant 2: the verification needs no samples, which could miss a peak."""
     points = np.array([[0.8, 0.6], [0.8 + gap, 0.6 - gap / 2.0], [1.6, -0.4]])
     path = through(at_rest((-0.5, 0.2)), points, LIMITS, clamped=False)
     part = 0.08
     durations = np.array([2.0, 4.0, 2.0]) * part
     jerk = path.end / 16.0 / part**3
-    # three pieces of the timing in all: the segment is somewhere within one of them
+    # the segment is within one of the timing's three pieces
     fast = from_pieces((0.0, 0.0, 0.0), durations, np.array([jerk, -jerk, jerk]))
     assert fast.end == pytest.approx(path.end, rel=1e-9)
     for pace in (1.0, 0.5, 0.2):
@@ -198,14 +190,14 @@ def test_the_verification_sees_what_happens_on_a_segment_that_is_driven_in_no_ti
         usage = limit_usage(path, timing, LIMITS)
         assert not usage.allowed
         names = ('velocity', 'acceleration', 'jerk')
-        for most, name in zip(sampled, names, strict=True):
+        for largest, name in zip(sampled, names, strict=True):
             bound = float(getattr(usage, name).max())
-            assert bound >= most * (1.0 - 1e-6)
-            assert bound <= max(most * 1.03, 1.0)
+            assert bound >= largest * (1.0 - 1e-6)
+            assert bound <= max(largest * 1.03, 1.0)
 
 
-def test_the_verification_allows_exactly_what_the_limits_allow() -> None:
-    """Slowed down until it is allowed, a timing uses a limit to the full: none is given away."""
+def test_verification_allows_exactly_up_to_the_limits() -> None:
+    """A timing slowed until it is allowed uses a limit fully."""
     path = bow()
     timing = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.5, 3.0, 40.0)
     assert timing is not None
@@ -231,7 +223,7 @@ def slowed(timing: TimeParametrisation, pace: float) -> TimeParametrisation:
 
 @pytest.mark.parametrize('quantity', ['positions', 'velocities', 'accelerations'])
 @pytest.mark.parametrize('where', [3, -1])
-def test_the_verification_sees_a_jump_of_the_timing(quantity: str, where: int) -> None:
+def test_verification_detects_a_jump_of_the_timing(quantity: str, where: int) -> None:
     path = bow()
     problem = unbound(path)
     timing = ruckig_move.only_move(problem)
@@ -242,7 +234,7 @@ def test_the_verification_sees_a_jump_of_the_timing(quantity: str, where: int) -
     assert not limit_usage(path, dataclasses.replace(timing, **{quantity: values}), LIMITS).allowed
 
 
-def test_the_verification_sees_a_position_limit_grazed_between_two_instants() -> None:
+def test_verification_detects_a_position_limit_grazed_between_samples() -> None:
     path = through(
         at_rest((0.0, 0.0)), np.array([[1.0, 0.5], [1.99, 1.0], [1.0, 1.5]]), LIMITS, clamped=False
     )
@@ -258,14 +250,14 @@ def test_the_verification_sees_a_position_limit_grazed_between_two_instants() ->
 
 
 @given(st.integers(0, 10_000))
-def test_a_path_never_leaves_the_position_limits(seed: int) -> None:
-    """Whatever points: those at the limits, and those as near to them as a hair."""
+def test_path_never_leaves_the_position_limits(seed: int) -> None:
+    """The points include some at the limits, or very near to them."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-2.0, 2.0, (8, 2))
     near = rng.random((8, 2)) < 0.6
     hair = rng.choice([0.0, 1e-9, 1e-5, 1e-2], (8, 2))
     points[near] = (np.sign(points) * (2.0 - hair))[near]
-    # as the smoother merges them, where they are slow
+    # like the smoother merges slow points
     apart = np.abs(np.diff(points, axis=0)).max(axis=1) > MERGE_TOLERANCE / 2.0
     points = points[np.append(True, apart)]
     path = through(at_rest((0.0, 0.0)), points, LIMITS, clamped=False)
@@ -274,11 +266,11 @@ def test_a_path_never_leaves_the_position_limits(seed: int) -> None:
 
 
 @given(st.integers(0, 10_000))
-def test_a_path_that_is_extended_never_leaves_the_position_limits(seed: int) -> None:
-    """What is kept may point steeply at a border on which the next point is."""
+def test_extended_path_never_leaves_the_position_limits(seed: int) -> None:
+    """A kept knot may point steeply at a limit at which the next point is."""
     rng = np.random.default_rng(seed)
     points = np.clip(rng.uniform(-3.0, 3.0, (8, 2)), -2.0, 2.0)
-    # no way is too long for what the one before expects
+    # no segment is too long for its predecessor
     apart = np.abs(np.diff(points, axis=0)).max(axis=1) > 0.8
     points = points[np.append(True, apart)]
     path = through(at_rest((0.0, 0.0)), points[:2], LIMITS, clamped=False)
@@ -288,8 +280,8 @@ def test_a_path_that_is_extended_never_leaves_the_position_limits(seed: int) -> 
         assert not path.outside(LIMITS).any()
 
 
-def test_a_steep_knot_before_one_on_the_border_bends_away_from_it() -> None:
-    """A level end without curvature would pass the border before it gets there."""
+def test_steep_knot_before_a_limit_bends_away_from_it() -> None:
+    """A level end without curvature would pass the limit before it."""
     for side in (1.0, -1.0):
         zeros = np.zeros((2, 2))
         kept = Knots(
@@ -306,7 +298,7 @@ def test_a_steep_knot_before_one_on_the_border_bends_away_from_it() -> None:
 
 
 @given(st.integers(1, 40), st.integers(0, 1000))
-def test_the_pentadiagonal_solver(size: int, seed: int) -> None:
+def test_pentadiagonal_solver_solves(size: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     lower = np.eye(size)
     for offset in (1, 2):
@@ -326,11 +318,11 @@ def test_the_pentadiagonal_solver(size: int, seed: int) -> None:
     assert matrix @ solution == pytest.approx(right, abs=1e-6)
 
 
-def test_the_pentadiagonal_solver_refuses_what_is_not_positive_definite() -> None:
+def test_pentadiagonal_solver_returns_none_for_an_indefinite_matrix() -> None:
     assert solve_pentadiagonal(np.array([1.0, -1.0]), np.zeros(2), np.zeros(2), np.ones(2)) is None
 
 
-def test_a_stop_that_would_leave_the_range_is_made_by_each_joint_alone() -> None:
+def test_stop_that_would_leave_the_range_is_made_per_joint() -> None:
     slow_joint_limits = JointLimits(
         LIMITS.names,
         LIMITS.position_min,
@@ -344,13 +336,13 @@ def test_a_stop_that_would_leave_the_range_is_made_by_each_joint_alone() -> None
     assert stop.within(slow_joint_limits)
 
 
-def test_a_move_that_would_leave_the_range_is_none() -> None:
+def test_move_that_would_leave_the_range_is_none() -> None:
     state = (np.array([1.99, 0.0]), np.array([3.0, 0.0]), np.zeros(2))
     assert fastest_move(LIMITS, state, np.array([0.0, 0.0])) is None
 
 
 @pytest.mark.parametrize('size', [2, 3, 4, 7, 64, 101])
-def test_the_tridiagonal_solver_solves(size: int) -> None:
+def test_tridiagonal_solver_solves(size: int) -> None:
     rng = np.random.default_rng(size)
     below, above = 10.0 ** rng.uniform(-4.0, 2.0, (2, size, 6))
     below[0] = above[-1] = 0.0
@@ -364,7 +356,7 @@ def test_the_tridiagonal_solver_solves(size: int) -> None:
         assert solution[:, column] == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-def test_a_path_through_thousands_of_points_takes_memory_for_its_points_only() -> None:
+def test_memory_of_a_path_grows_linearly_with_its_points() -> None:
     """A dense matrix of the spline alone would take 128 MB."""
     s = np.linspace(0.0, 2.0, 4001)[:, None]
     points = np.hstack([np.sin(s), np.cos(s)])

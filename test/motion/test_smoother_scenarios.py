@@ -12,14 +12,14 @@ from support.smoother_harness import assert_kept
 pytestmark = pytest.mark.invariant(2, 3)
 
 BLOCKS, SIZE = 10, 50
-"""500 scenarios in `make soak-tests`."""
+"""Blocks of scenarios in `make soak-tests`, 500 in all."""
 
 SLOW_BLOCKS = 2
-"""Those of `make test-all`."""
+"""Blocks in `make test-all`."""
 
 
 @pytest.mark.parametrize('seed', one_in(2, [0, 1]))
-def test_limits_are_kept_at_every_instant_whatever_is_asked_in_whatever_order(seed: int) -> None:
+def test_limits_hold_at_every_instant_for_any_sequence_of_requests(seed: int) -> None:
     assert_kept(seed)
 
 
@@ -31,6 +31,6 @@ def test_limits_are_kept_at_every_instant_whatever_is_asked_in_whatever_order(se
         for block in range(BLOCKS)
     ],
 )
-def test_limits_are_kept_at_every_instant_in_500_scenarios(block: int) -> None:
+def test_limits_hold_at_every_instant_in_500_scenarios(block: int) -> None:
     for seed in range(100 + SIZE * block, 100 + SIZE * (block + 1)):
         assert_kept(seed)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth motions that are left on their way, at any moment, as one motion inside the limits."""
+"""Smooth motions with a stop at any moment form one motion within the limits."""
 
 from dataclasses import replace
 from itertools import count
@@ -20,12 +20,12 @@ LONGEST_S = 0.008
 
 
 def quintics(points: Trajectory) -> Interpolation:
-    """Return what joint_trajectory_controller makes of points."""
+    """Return the interpolation of joint_trajectory_controller."""
     return Interpolation(points.times, points.positions, points.velocities, points.accelerations)
 
 
 def largest(points: Trajectory) -> list[float]:
-    """Return the largest velocity, acceleration and jerk of these quintics, of the limits."""
+    """Return the largest velocity, acceleration and jerk of the quintics, per limit."""
     assert points.velocities is not None and points.accelerations is not None  # noqa: PT018
     h = np.diff(points.times)[:, None]
     rows = (points.positions, points.velocities, points.accelerations)
@@ -33,39 +33,37 @@ def largest(points: Trajectory) -> list[float]:
         [row[part] * h**n for n, row in enumerate(rows)] for part in (slice(-1), slice(1, None))
     ]
     coefficients = hermite(tuple(ends[0]), tuple(ends[1]))
-    shares = np.linspace(0.0, 1.0, 33)
-    found = []
+    fractions = np.linspace(0.0, 1.0, 33)
+    ratios = []
     for order, limit in enumerate((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk), start=1):
-        values = [polynomial(each, shares, order) for each in coefficients]
-        found.append(float(np.max(np.abs(values) / h[:, None] ** order / limit)))
-    return found
+        values = [polynomial(segment, fractions, order) for segment in coefficients]
+        ratios.append(float(np.max(np.abs(values) / h[:, None] ** order / limit)))
+    return ratios
 
 
 @pytest.mark.invariant(2, 3)
 @pytest.mark.parametrize('mode', Mode)
-@pytest.mark.parametrize('share', one_in(3, [0.0, 0.03, 0.2, 0.5, 0.77, 0.97, 1.0]))
-def test_the_motion_and_its_stop_are_one_motion_inside_the_limits(
-    mode: Mode, share: float
-) -> None:
+@pytest.mark.parametrize('fraction', one_in(3, [0.0, 0.03, 0.2, 0.5, 0.77, 0.97, 1.0]))
+def test_motion_and_its_stop_are_one_motion_within_the_limits(mode: Mode, fraction: float) -> None:
     whole = StoppableMotion(PLAN, LIMITS, mode)
     motion = whole.motion
     assert np.array_equal(motion.positions, smoothed(PLAN, LIMITS, mode, refine=False).positions)
-    time = share * motion.duration
+    time = fraction * motion.duration
     whole.follow(time / 2)
     left = whole.stopped(time, LONGEST_S)
     assert np.diff(left.times).max(initial=0.0) <= LONGEST_S + 1e-9
     steps = int(time / MAX_STEP_S + 1e-9)
-    for each in (whole.points(LONGEST_S), left)[: 2 if steps else 1]:
-        way = quintics(each).at(MAX_STEP_S * np.arange(steps))[0]
-        assert np.abs(way - motion.positions[:steps]).max(initial=0.0) < 1e-8
-        assert max(largest(each)) <= 1.0 + 1e-3
-        assert each.velocities is not None and not each.velocities[-1].any()  # noqa: PT018
-        assert each.accelerations is not None and not each.accelerations[-1].any()  # noqa: PT018
+    for points in (whole.points(LONGEST_S), left)[: 2 if steps else 1]:
+        path = quintics(points).at(MAX_STEP_S * np.arange(steps))[0]
+        assert np.abs(path - motion.positions[:steps]).max(initial=0.0) < 1e-8
+        assert max(largest(points)) <= 1.0 + 1e-3
+        assert points.velocities is not None and not points.velocities[-1].any()  # noqa: PT018
+        assert points.accelerations is not None and not points.accelerations[-1].any()  # noqa: PT018
     stopping = LIMITS.velocity / LIMITS.acceleration + LIMITS.acceleration / LIMITS.jerk
     assert left.duration <= time + 2.5 * stopping.max()
 
 
-def test_a_stop_does_not_begin_in_the_past() -> None:
+def test_stop_in_the_past_is_rejected() -> None:
     whole = StoppableMotion(PLAN, LIMITS)
     whole.follow(1.0)
     with pytest.raises(ValueError, match=r'no stop at 0\.5 s'):
@@ -73,7 +71,7 @@ def test_a_stop_does_not_begin_in_the_past() -> None:
 
 
 @pytest.mark.invariant(9)
-def test_inv9_every_sample_and_point_can_end_the_work() -> None:
+def test_inv9_look_can_interrupt_every_sample_and_point() -> None:
     """docs/invariants.md, 9."""
     looks, left = count(), False
 
@@ -90,7 +88,7 @@ def test_inv9_every_sample_and_point_can_end_the_work() -> None:
 
 
 @pytest.mark.invariant(7)
-def test_inv7_a_long_motion_is_refused_before_and_while_it_is_sampled(
+def test_inv7_long_motion_is_rejected_before_and_during_sampling(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """docs/invariants.md, 7."""
@@ -104,10 +102,10 @@ def test_inv7_a_long_motion_is_refused_before_and_while_it_is_sampled(
         StoppableMotion(PLAN, replace(LIMITS, velocity=LIMITS.velocity / 10.0))
 
 
-def test_a_stop_has_no_points_before_its_begin() -> None:
+def test_stop_has_no_points_before_its_start() -> None:
     whole, other = StoppableMotion(PLAN, LIMITS), StoppableMotion(PLAN, LIMITS)
     stop, rest = whole.stopped(1.0, LONGEST_S), other.stopped(1.0, LONGEST_S, 0.9)
     assert rest.times[0] >= 0.9
-    kept = stop.times >= 0.9
-    assert np.array_equal(rest.times, stop.times[kept])
-    assert np.array_equal(rest.positions, stop.positions[kept])
+    later = stop.times >= 0.9
+    assert np.array_equal(rest.times, stop.times[later])
+    assert np.array_equal(rest.positions, stop.positions[later])

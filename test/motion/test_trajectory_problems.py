@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What forbids executing a trajectory, said with point, joint, value and limit."""
+"""Problems of a trajectory are named with point, joint, value and limit."""
 
 from itertools import permutations
 from pathlib import Path
@@ -30,7 +30,7 @@ PLANS = sorted((Path(__file__).parents[2] / 'config' / 'trajectories').glob('*.y
 
 
 def trajectory(*changes: tuple[str, Any, float]) -> Trajectory:
-    """Return a good trajectory of four points with some numbers (quantity, index) replaced."""
+    """Return a valid trajectory of four points with changed numbers (quantity, index)."""
     columns = {
         'times': np.array([0.0, 1.0, 2.0, 3.0]),
         'positions': np.array([[0.0, 0.0, 0.0], [0.5, 1.0, -1.0], [0.9, 1.9, -2.9], [0.0] * 3]),
@@ -42,7 +42,7 @@ def trajectory(*changes: tuple[str, Any, float]) -> Trajectory:
     return Trajectory(NAMES, **columns)
 
 
-def test_a_good_trajectory_has_no_problems() -> None:
+def test_valid_trajectory_has_no_problems() -> None:
     assert list(problems(trajectory(), LIMITS)) == []
     bare = Trajectory(NAMES, trajectory().times, trajectory().positions)
     assert list(problems(bare, LIMITS)) == []
@@ -66,10 +66,6 @@ def test_a_good_trajectory_has_no_problems() -> None:
             ['point 3, shoulder: velocities = inf rad/s is not finite'],
         ),
         (
-            [('accelerations', (0, 1), -INF)],
-            ['point 0, elbow: accelerations = -inf rad/s² is not finite'],
-        ),
-        (
             [('positions', (0, 0), NAN), ('positions', (2, 1), INF), ('velocities', (1, 1), 99.0)],
             [
                 'point 0, shoulder: positions = nan rad is not finite',
@@ -84,13 +80,6 @@ def test_a_good_trajectory_has_no_problems() -> None:
             [('times', 2, 1.0)],
             [
                 'point 2: time_from_start = 1 s is not after the 1 s of the point before: '
-                'times must strictly increase'
-            ],
-        ),
-        (
-            [('times', 3, 1.5)],
-            [
-                'point 3: time_from_start = 1.5 s is not after the 2 s of the point before: '
                 'times must strictly increase'
             ],
         ),
@@ -121,7 +110,7 @@ def test_a_good_trajectory_has_no_problems() -> None:
     ],
     ids=lambda x: str(x)[:60],
 )
-def test_invariant_2_each_problem_names_point_joint_value_and_limit(
+def test_inv2_problem_names_point_joint_value_and_limit(
     changes: list[tuple[str, Any, float]], sentences: list[str]
 ) -> None:
     assert list(problems(trajectory(*changes), LIMITS)) == sentences
@@ -140,10 +129,10 @@ def test_invariant_2_each_problem_names_point_joint_value_and_limit(
         ('positions', 1.5, 'rad/s would be needed'),
     ],
 )
-def test_invariant_2_no_point_of_a_long_trajectory_is_overlooked(
+def test_inv2_problem_in_any_block_of_a_long_trajectory_is_found(
     point: int, quantity: str, value: float, words: str
 ) -> None:
-    """Long ones are looked at in blocks: also at their borders."""
+    """Long trajectories are checked in blocks, so the points include block boundaries."""
     count = 2 * BLOCK_POINTS + 10
     columns = {
         'times': 0.1 * np.arange(count),
@@ -160,7 +149,7 @@ def test_invariant_2_no_point_of_a_long_trajectory_is_overlooked(
     assert any(text.startswith(named) for text in found)
 
 
-def test_a_trajectory_without_points_is_a_problem() -> None:
+def test_trajectory_without_points_is_a_problem() -> None:
     empty = Trajectory(NAMES, np.empty(0), np.empty((0, 3)))
     assert list(problems(empty, LIMITS)) == ['the trajectory has no points']
 
@@ -168,9 +157,7 @@ def test_a_trajectory_without_points_is_a_problem() -> None:
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize(('excess', 'count'), [(0.0, 0), (1e-7, 0), (1e-4, 1)])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_invariant_2_a_limit_is_meant_up_to_rounding(
-    sign: float, excess: float, count: int
-) -> None:
+def test_inv2_limits_are_checked_up_to_rounding(sign: float, excess: float, count: int) -> None:
     fast = trajectory(('velocities', (1, 0), sign * (1.0 + excess)))
     far = trajectory(('positions', (1, 1), sign * 2.0 * (1.0 + excess)))
     steep = trajectory(('positions', (1, 0), sign * 0.25), ('times', 1, 0.25 / (1.0 + excess)))
@@ -181,30 +168,30 @@ def test_invariant_2_a_limit_is_meant_up_to_rounding(
 
 
 @pytest.mark.parametrize('order', [*permutations(range(3))], ids=str)
-def test_in_order_moves_every_column_with_its_name(order: tuple[int, ...]) -> None:
+def test_in_order_reorders_every_column(order: tuple[int, ...]) -> None:
     columns = np.arange(12.0).reshape(4, 3)
     given = Trajectory(NAMES, np.arange(4.0), columns, columns + 100.0, columns + 200.0)
     names = tuple(NAMES[index] for index in order)
-    made = given.in_order(names)
-    assert made.joint_names == names
-    assert made.times is given.times
+    ordered = given.in_order(names)
+    assert ordered.joint_names == names
+    assert ordered.times is given.times
     for quantity in ('positions', 'velocities', 'accelerations'):
         for column, name in enumerate(names):
             expected = getattr(given, quantity)[:, NAMES.index(name)]
-            np.testing.assert_array_equal(getattr(made, quantity)[:, column], expected)
+            np.testing.assert_array_equal(getattr(ordered, quantity)[:, column], expected)
 
 
-def test_in_order_keeps_what_is_not_there_and_refuses_an_unknown_joint() -> None:
+def test_in_order_keeps_missing_columns_and_rejects_an_unknown_joint() -> None:
     bare = Trajectory(NAMES, trajectory().times, trajectory().positions)
-    made = bare.in_order(NAMES[::-1])
-    assert (made.velocities, made.accelerations) == (None, None)
+    ordered = bare.in_order(NAMES[::-1])
+    assert (ordered.velocities, ordered.accelerations) == (None, None)
     with pytest.raises(ValueError, match='not in tuple'):
         bare.in_order(('shoulder', 'elbow', 'tool'))
 
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('path', one_in(3, PLANS), ids=[path.stem for path in PLANS])
-def test_invariant_2_the_planned_trajectories_of_this_package_have_no_problems(
+def test_inv2_trajectories_of_this_package_have_no_problems(
     path: Path,
 ) -> None:
     plan = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -227,7 +214,3 @@ def test_invariant_2_the_planned_trajectories_of_this_package_have_no_problems(
     assert planned.joint_names == limits.names
     assert len(points) >= 10
     assert list(problems(planned, limits)) == []
-
-
-def test_the_planned_trajectories_are_there() -> None:
-    assert 'around_pillar_11_points' in [path.stem for path in PLANS]

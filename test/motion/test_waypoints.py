@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points that are merged, dwelt at, or gone back over: no two of the path are at one place."""
+"""Merged, repeated and reversed points never leave two path points at one position."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ STEP = MERGE_TOLERANCE / 5.0
 
 @pytest.mark.parametrize('mode', Mode)
 @pytest.mark.parametrize('seed', one_in(4, range(8)))
-def test_no_two_points_of_the_path_are_at_one_place(mode, seed):
+def test_path_has_no_two_points_at_one_position(mode, seed):
     random = np.random.default_rng(seed)
     waypoints = Waypoints(LIMITS, np.zeros(2), mode)
     begin, place = waypoints.origin, 0
@@ -25,8 +25,8 @@ def test_no_two_points_of_the_path_are_at_one_place(mode, seed):
         waypoints.append(last, duration, 0.0, in_motion=True)
         if random.random() < 0.05:
             waypoints.finish()
-        way = np.array([each.position for each in (begin, *waypoints.ahead)])
-        assert (np.abs(np.diff(way, axis=0)).max(axis=1) > MIN_MOVE).all()
+        path = np.array([point.position for point in (begin, *waypoints.ahead)])
+        assert (np.abs(np.diff(path, axis=0)).max(axis=1) > MIN_MOVE).all()
         assert np.abs(waypoints.last.position - last).max() == 0.0
         if len(waypoints.ahead) > 20:
             begin = waypoints.ahead[10]

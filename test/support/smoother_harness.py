@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smoothers as tests feed them, and the scenarios they are fed with."""
+"""Random points, events and scenarios for smoothers, and checks of their motion."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,12 +14,12 @@ from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Mode
 
 MAX_REST_S = 60.0
-"""After the last phase it must come to rest within so long, s."""
+"""Maximum time from the last phase to rest, s."""
 
 
 @dataclass
 class Scenario:
-    """A smoother, what is done to it, and what was done."""
+    """A smoother and its scenario."""
 
     rng: np.random.Generator
     limits: JointLimits
@@ -27,19 +27,19 @@ class Scenario:
     step: float
     start: Array
     position: Array
-    """The last point sent, or where the arm was when it was told to stop."""
+    """The last point sent, or the arm's position at a stop."""
     end: Array
-    """Where it must rest in the end: at the last point sent, or where the stop after it ends."""
+    """The required end position: the last point sent, or the end of a later stop."""
     done: list[str] = field(default_factory=list)
 
     def let_pass(self, seconds: float) -> None:
-        """Let time pass."""
+        """Step for a time, s."""
         end = self.smoother.now + seconds
         while self.smoother.now < end:
             self.smoother.step(self.step)
 
     def near(self, reach: float) -> Array:
-        """Return a point within a share of the range from the last one, inside the limits."""
+        """Return a point within the limits, at most `reach` of the range from the last one."""
         span = self.limits.position_max - self.limits.position_min
         point = self.position + self.rng.uniform(-reach, reach, len(span)) * span
         clipped: Array = np.clip(point, self.limits.position_min, self.limits.position_max)
@@ -52,13 +52,15 @@ class Scenario:
 
 
 def trajectory(scenario: Scenario) -> None:
-    """Send points at once or as look-ahead asks for them; go on before all has been driven."""
+    """Send points immediately or on demand of the look-ahead, without waiting for the end."""
     rng, smoother = scenario.rng, scenario.smoother
     points, durations = random_points(rng, scenario.limits)
     known = float(rng.choice([0.2, 0.4, np.inf]))
     for number, point in enumerate(points):
-        way = np.max(np.abs(point - scenario.position) / scenario.limits.velocity)
-        duration = None if durations is None else float(max(durations[number], 2.0 * way, 1e-3))
+        shortest = np.max(np.abs(point - scenario.position) / scenario.limits.velocity)
+        duration = (
+            None if durations is None else float(max(durations[number], 2.0 * shortest, 1e-3))
+        )
         waited = 0.0
         while smoother.look_ahead > known and waited < 1.0:
             scenario.let_pass(scenario.step)
@@ -81,19 +83,19 @@ def stream(scenario: Scenario) -> None:
     for number in range(1, 1 + int(rng.uniform(0.3, 1.2) / period)):
         scenario.let_pass(max(period + float(rng.uniform(-0.004, 0.004)), 0.0))
         if rng.random() < 0.98:
-            way = np.sin(2.0 * np.pi * frequency * number * period)
-            scenario.send(middle + reach * way, period if timed else None)
+            offset = np.sin(2.0 * np.pi * frequency * number * period)
+            scenario.send(middle + reach * offset, period if timed else None)
 
 
 def hold(scenario: Scenario) -> None:
-    """Pause on the path, and go on."""
+    """Hold on the path, and resume."""
     scenario.smoother.hold()
     scenario.let_pass(float(scenario.rng.uniform(0.0, 0.5)))
     scenario.smoother.resume()
 
 
 def resting_place(smoother: Recorded) -> Array:
-    """Return where what is executed now ends, shape (n,)."""
+    """Return the end of the executed motion, shape (n,)."""
     _, executed = smoother.executed[-1]
     if executed is None:
         return smoother.motion.position
@@ -103,7 +105,7 @@ def resting_place(smoother: Recorded) -> Array:
 
 
 def stop(scenario: Scenario) -> None:
-    """Forget all points, and rest."""
+    """Stop, which drops all points."""
     scenario.smoother.stop()
     if scenario.rng.random() < 0.5:
         scenario.let_pass(float(scenario.rng.uniform(0.0, 0.3)))
@@ -112,7 +114,7 @@ def stop(scenario: Scenario) -> None:
 
 
 def replace(scenario: Scenario) -> None:
-    """Go elsewhere, straight out of the motion."""
+    """Replace the points during the motion."""
     scenario.position = scenario.smoother.motion.position
     reach = float(scenario.rng.choice([0.01, 0.1, 0.4]))
     points = [scenario.near(reach) for _ in range(int(scenario.rng.integers(1, 5)))]
@@ -124,7 +126,7 @@ PHASES: tuple[Callable[[Scenario], None], ...] = (trajectory, stream, hold, stop
 
 
 def random_scenario(seed: int) -> tuple[Scenario, Extrema]:
-    """Return a scenario that is over, and the exact extrema of its motion."""
+    """Return a completed scenario, and the exact extrema of its motion."""
     rng = np.random.default_rng([seed, 500])
     limits = (ARM, ARM, SCARA, SLOW)[int(rng.integers(4))]
     middle = (limits.position_max + limits.position_min) / 2.0
@@ -144,26 +146,28 @@ def random_scenario(seed: int) -> tuple[Scenario, Extrema]:
     end = smoother.now + MAX_REST_S
     while smoother.moving:
         smoother.step(scenario.step)
-        assert smoother.now < end, f'seed {seed}: it does not come to rest: {scenario.done}'
+        assert smoother.now < end, f'seed {seed}: no rest: {scenario.done}'
     return scenario, exact_extrema(smoother, start)
 
 
-def assert_kept(seed: int) -> None:
-    """Check that a scenario keeps all limits at every instant, and ends at its last point.
+def assert_exact(exact: Extrema, text: str = '') -> None:
+    """Assert the limits at every instant, and a motion without jumps."""
+    assert exact.worst <= 1.0 + 1e-6, text
+    assert exact.outside <= 1e-10, text
+    assert exact.position_jump <= 1e-11, text
+    assert exact.velocity_jump <= 1e-8, text
+    assert exact.acceleration_jump <= 1e-4, text  # a start that is reverted within 1 µs
 
-    Nor may any number of a plan become NaN.
-    """
+
+def assert_kept(seed: int) -> None:
+    """Assert all limits at every instant, the end at the last point, and plans without NaN."""
     with np.errstate(invalid='raise'):
         scenario, exact = random_scenario(seed)
     smoother = scenario.smoother
-    what = f'seed {seed}, {", ".join(scenario.done)}: {exact}'
-    assert exact.worst <= 1.0 + 1e-6, what
-    assert exact.outside <= 1e-10, what
-    assert exact.position_jump <= 1e-11, what
-    assert exact.velocity_jump <= 1e-8, what
-    assert exact.acceleration_jump <= 1e-4, what  # a start that is taken back within 1 µs
-    assert smoother.violations == smoother.planner_errors == 0, what
-    assert np.max(np.abs(smoother.motion.position - scenario.end)) <= 1e-6, what
+    text = f'seed {seed}, {", ".join(scenario.done)}: {exact}'
+    assert_exact(exact, text)
+    assert smoother.violations == smoother.planner_errors == 0, text
+    assert np.max(np.abs(smoother.motion.position - scenario.end)) <= 1e-6, text
 
 
 NAMES = ('a', 'b')
@@ -188,12 +192,12 @@ def motion_of(times, position):
     """Return a motion of joint a alone, from a function of time."""
     q = position(times)
     v = np.gradient(q, times)
-    columns = [np.stack([each, 0.0 * each], axis=1) for each in (q, v, np.gradient(v, times))]
+    columns = [np.stack([row, 0.0 * row], axis=1) for row in (q, v, np.gradient(v, times))]
     return Trajectory(NAMES, times, *columns)
 
 
 LONGEST = 8.0
-"""The stream of a run ends then, s."""
+"""Maximum duration of a run's stream, s."""
 
 ARM = JointLimits(  # EPSON C3-A601S: config/robots/c3.yaml has the same velocities
     tuple(f'joint_{i}' for i in range(1, 7)),
@@ -215,7 +219,7 @@ SLOW = JointLimits(
 
 @dataclass
 class Run:
-    """What a run was, and its samples every dt, shape (m, n)."""
+    """A run, and its samples every dt, shape (m, n)."""
 
     seed: int
     limits: JointLimits
@@ -226,17 +230,17 @@ class Run:
     velocities: list[Array] = field(default_factory=list)
     accelerations: list[Array] = field(default_factory=list)
     stops: int = 0
-    """Rests at neither end that nobody asked for."""
+    """Number of uncommanded rests between the ends."""
     complete: bool = True
-    """Whether nothing but points was said: no event."""
+    """Whether the run had no events."""
 
 
 def random_points(rng: np.random.Generator, limits: JointLimits) -> tuple[Array, Array | None]:
-    """Return points, shape (k, n), with close pairs and duplicates amid ways, and durations."""
+    """Return points, shape (k, n), with close pairs and duplicates, and durations."""
     span = limits.position_max - limits.position_min
     middle = (limits.position_max + limits.position_min) / 2.0
     n = len(span)
-    # a way of a tenth of the range, one of most of it, or many short ones
+    # steps of a tenth of the range, of most of it, or many short ones
     reach = rng.choice([0.05, 0.2, 0.45, 0.5])
     points = [middle + rng.uniform(-0.3, 0.3, n) * span]
     direction = rng.normal(size=n)
@@ -270,7 +274,7 @@ def random_points(rng: np.random.Generator, limits: JointLimits) -> tuple[Array,
 
 
 def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) -> Run:
-    """Return a random run: points, holds, stops and replacements, until it rests."""
+    """Return a completed random run of points, holds, stops and replacements."""
     rng = np.random.default_rng([seed, 20])
     limits = (ARM, ARM, SCARA, SLOW)[int(rng.integers(4))]
     points, durations = random_points(rng, limits)
@@ -293,7 +297,7 @@ def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) 
             following, events = len(points), []
             smoother.resume()
         if time > 4.0 * LONGEST:
-            raise AssertionError(f'seed {seed}: it does not come to rest')
+            raise AssertionError(f'seed {seed}: no rest')
         while following < len(points) and smoother.look_ahead < look_ahead:
             smoother.append(
                 points[following], None if durations is None else float(durations[following])
@@ -319,22 +323,21 @@ def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) 
         run.positions.append(motion.position)
         run.velocities.append(motion.velocity)
         run.accelerations.append(motion.acceleration)
-        stands = smoother.at_rest and smoother.points_ahead > 0 and smoother.now > 0.5
-        run.stops += stands and not still and run.complete
-        still = stands
+        rests = smoother.at_rest and smoother.points_ahead > 0 and smoother.now > 0.5
+        run.stops += rests and not still and run.complete
+        still = rests
     return run
 
 
 ROUNDING = 4.0
-"""By how many units in the last place a position may be off."""
+"""Rounding error of a position, in units in the last place."""
 
 
 def sampled_extrema(run: Run) -> Extrema:
-    """Return the extrema of what was given out, from differences: the cross-check.
+    """Return the extrema of the sampled output from differences, as a cross-check.
 
-    Velocity, acceleration and jerk twice each: of what is said, and of the positions alone. What
-    the rounding of positions can make of their differences is left out: at 10 kHz a unit in the
-    last place is up to 3.5e-3 rad/s³.
+    Velocity, acceleration and jerk are checked twice: as reported, and from positions alone. The
+    rounding of positions is excluded: at 10 kHz a unit in the last place is up to 3.5e-3 rad/s³.
     """
     q = np.concatenate([[run.start] * 3, run.positions])
     limits, dt = run.limits, run.dt
@@ -362,12 +365,8 @@ def sampled_extrema(run: Run) -> Extrema:
 def assert_within_all_limits(seed: int, dt: float) -> None:
     run = random_run(seed, dt)
     exact, sampled = exact_extrema(run.smoother, run.start), sampled_extrema(run)
-    what = f'seed {seed}: {exact}; sampled every {dt} s: {sampled}'
-    assert exact.worst <= 1.0 + 1e-6, what
-    assert exact.outside <= 1e-10, what
-    assert exact.position_jump <= 1e-11, what
-    assert exact.velocity_jump <= 1e-8, what
-    assert exact.acceleration_jump <= 1e-4, what  # a start that is taken back within 1 µs
-    assert sampled.worst <= 1.0 + 1e-4, what
-    assert sampled.outside <= 1e-10, what
-    assert run.smoother.violations == 0, what
+    text = f'seed {seed}: {exact}, sampled every {dt} s: {sampled}'
+    assert_exact(exact, text)
+    assert sampled.worst <= 1.0 + 1e-4, text
+    assert sampled.outside <= 1e-10, text
+    assert run.smoother.violations == 0, text
