@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The robots of a fleet that one parameters file names, or those of them that are this machine's.
+"""The robots of a fleet in a parameters file, or only the robots of this machine.
 
-A driver for each, in a process of its own and in its namespace: if one ends, the others go on.
+Each robot has a driver in a separate process and in its namespace. If one ends, the others
+continue.
 """
 
 from pathlib import Path
@@ -23,7 +24,7 @@ SHARED = ('use_sim_controller', 'sim_motion', 'use_sim_time', 'description')
 
 
 def generate_launch_description():
-    """Return the arguments, and the robots that follow from the file."""
+    """Return the arguments, and the robots in the file."""
     example = str(share_file('config', 'fleet.yaml'))
     arguments = launch_arguments('params_file', 'robots', *SHARED, params_file=example)
     return LaunchDescription(

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot model in RViz with a slider per joint; no controller is needed."""
+"""A robot model in RViz with a slider per joint, without a controller."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def generate_launch_description():
 
 
 def described(context: LaunchContext):
-    """Return the description without ros2_control; `ros2 launch -s` lists what is free."""
+    """Return the description without ros2_control. `ros2 launch -s` lists the other arguments."""
     values = context.launch_configurations
     path = Path(__file__).with_name('robot_description.launch.py')
     return [

@@ -24,7 +24,7 @@ def generate_launch_description():
 
 
 def included(context: LaunchContext):
-    """Return it with the model fixed; `ros2 launch -s` lists what is free."""
+    """Return the launch file with a fixed model. `ros2 launch -s` lists the other arguments."""
     values = context.launch_configurations
     path = Path(__file__).with_name('robot_description.launch.py')
     return [

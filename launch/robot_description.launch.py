@@ -30,7 +30,7 @@ def generate_launch_description():
 
 
 def publishers(context: LaunchContext):
-    """Return the node for this model and prefix, and where the arm stands if that is given."""
+    """Return the node for a model and prefix, and a static transform if `parent` is set."""
     values = context.launch_configurations
     prefix = values['tf_prefix']
     controlled = values['ros2_control'] == 'true'

@@ -35,11 +35,11 @@ from epson_driver.bringup import (
 from epson_driver.share import share_file
 
 RESPAWN_DELAY_S = 2.0
-"""So long after its end the client is started again, s."""
+"""Delay before the client is restarted after its end, s."""
 
 
 def generate_launch_description():
-    """Return the arguments, and the processes that follow from them."""
+    """Return the arguments, and the processes that they select."""
     arguments = launch_arguments(
         *INTERFACE, 'interface', 'description', *DESCRIPTION, 'shutdown_on_exit'
     )
@@ -52,7 +52,7 @@ def generate_launch_description():
 
 
 def processes(context: LaunchContext):
-    """Return the client, preceded by the controller if there is one; the launch ends with each."""
+    """Return the simulated controller, if any, and the client. The launch ends with either."""
     values = dict(context.launch_configurations)
     last = values['shutdown_on_exit'] == 'true'
     respawn = values['respawn'] == 'true'

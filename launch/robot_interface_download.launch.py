@@ -24,7 +24,7 @@ def generate_launch_description():
 
 
 def included(context: LaunchContext):
-    """Return it with the interface fixed; `ros2 launch -s` lists what is free."""
+    """Return the launch file with a fixed interface. `ros2 launch -s` lists the rest."""
     values = context.launch_configurations
     path = Path(__file__).with_name('robot_interface.launch.py')
     return [

@@ -26,7 +26,7 @@ def generate_launch_description():
 
 
 def files(context: LaunchContext):
-    """Return the driver with the description, and RViz if somebody looks."""
+    """Return the driver with the description, and RViz on request."""
     values = dict(context.launch_configurations)
     driver = {name: values[name] for name in (*INTERFACE, 'interface', *DESCRIPTION)}
     found = [included('robot_interface', driver | {'description': 'true'})]

@@ -22,7 +22,7 @@ def generate_launch_description():
 
 
 def rviz(context: LaunchContext):
-    """Return RViz; its topics are relative, so its namespace says which robot it shows."""
+    """Return RViz. Its topics are relative, so its namespace selects the robot."""
     values = context.launch_configurations
     config = values['rviz_config'] or str(share_file('config', 'rviz', 'robot.rviz'))
     return [

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Several robots on one machine: a driver and a description for each, in its own namespace.
+"""Several robots on one machine, each with a driver and a description in its namespace.
 
-What differs from robot to robot is a list, separated by commas; one value alone is for all.
+Values that differ between robots are comma-separated lists. A single value applies to all.
 """
 
 from pathlib import Path
@@ -25,10 +25,10 @@ SHARED = ('use_sim_controller', 'sim_motion', 'use_sim_time')
 
 
 def generate_launch_description():
-    """Return the arguments, and the robots that follow from them."""
+    """Return the arguments, and the robots that they select."""
     lists = launch_arguments('namespaces', 'robot_ips', *EACH)
     for each in lists:
-        each.pop('choices', None)  # they are those of its items
+        each.pop('choices', None)  # they apply to the items
     arguments = [*lists, *launch_arguments(*SHARED, 'panel')]
     return LaunchDescription(
         [

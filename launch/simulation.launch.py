@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated controller and the driver for it; with `panel:=true` the browser panel, too."""
+"""A simulated controller with its driver, and with `panel:=true` the browser panel."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ ARGUMENTS = (
 
 
 def generate_launch_description():
-    """Return the arguments, robot_interface.launch.py and, if it is wanted, the panel."""
+    """Return the arguments, robot_interface.launch.py and, on request, the panel."""
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS, 'panel')),
@@ -38,7 +38,7 @@ def generate_launch_description():
 
 
 def included(context: LaunchContext):
-    """Return it with a simulated controller; `ros2 launch -s` lists what is free."""
+    """Return the launch file with a simulated controller."""
     values = context.launch_configurations
     path = Path(__file__).with_name('robot_interface.launch.py')
     return [

@@ -12,7 +12,7 @@ PASSED = ('action', 'limits_file', 'stops')
 
 
 def generate_launch_description():
-    """Return the arguments and the node; the launch ends with it."""
+    """Return the arguments and the node, whose end ends the launch."""
     arguments = launch_arguments(*PASSED, 'namespace', 'params_file', 'use_sim_time')
     return LaunchDescription(
         [
@@ -23,7 +23,7 @@ def generate_launch_description():
 
 
 def smooth_goals(context: LaunchContext):
-    """Return the node with what is given over params_file."""
+    """Return the node. Set arguments override params_file."""
     values = context.launch_configurations
     given = {name: values[name] for name in PASSED if values[name]}
     return [

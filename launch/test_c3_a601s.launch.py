@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The C3-A601S in RViz with a slider per joint; no controller is needed."""
+"""The C3-A601S in RViz with a slider per joint, without a controller."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def generate_launch_description():
 
 
 def included(context: LaunchContext):
-    """Return it with the model fixed; `ros2 launch -s` lists what is free."""
+    """Return the launch file with a fixed model. `ros2 launch -s` lists the other arguments."""
     values = context.launch_configurations
     path = Path(__file__).with_name('joint_sliders.launch.py')
     return [
