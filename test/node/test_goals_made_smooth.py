@@ -45,15 +45,19 @@ class Behind:
 
     def __init__(self):
         self.there = self.keeps_stamps = self.tells = self.cancels = True
-        self.refuses, self.silent = [], None
+        self.refuses, self.silent, self.scaling = [], None, 1.0
         self.taken, self.canceled = [], 0
         self.spline, self.begin, self.held = None, 0.0, None
+
+    def elapsed(self):
+        """Return the time of the trajectory at the driver's speed scaling, s."""
+        return (now() - self.begin) * self.scaling
 
     def commanded(self):
         """Return positions and velocities now, shape (n,)."""
         if self.spline is None or self.held is not None:
             return np.array(START if self.held is None else self.held), np.zeros(len(NAMES))
-        since, last = now() - self.begin, self.spline.times[-1]
+        since, last = self.elapsed(), self.spline.times[-1]
         positions, velocities, _ = self.spline.at(min(max(since, 0.0), last))
         return positions, velocities * (since < last)
 
@@ -75,6 +79,10 @@ class Behind:
             points.times, points.positions, points.velocities, points.accelerations
         )
         assert np.abs(self.commanded()[0] - before).max() < 1e-6, 'the command has jumped'
+        samples = map(self.spline.at, np.linspace(0.0, points.times[-1], 500))
+        _, velocities, accelerations = map(np.array, zip(*samples, strict=True))
+        assert np.abs(velocities / LIMITS.velocity).max() < 1.001
+        assert np.abs(accelerations / LIMITS.acceleration).max() < 1.01
         self.taken.append(goal)
         return AcceptedGoal(self, on_feedback)
 
@@ -89,12 +97,12 @@ class AcceptedGoal:
     async def _run(self):
         behind, spline = self._behind, self._behind.spline
         while behind.spline is spline and behind.held is None:
-            if now() - behind.begin > spline.times[-1]:
+            if behind.elapsed() > spline.times[-1]:
                 return SUCCEEDED
             if behind.tells:
                 feedback = FollowJointTrajectory.Feedback(joint_names=list(NAMES))
                 feedback.header.stamp = stamped(Time, now())
-                feedback.desired.time_from_start = stamped(Duration, now() - behind.begin)
+                feedback.desired.time_from_start = stamped(Duration, behind.elapsed())
                 feedback.desired.positions = behind.commanded()[0].tolist()
                 self._on_feedback(feedback)
             await asyncio.sleep(CYCLE_S)
@@ -234,6 +242,7 @@ async def test_newer_goal_starts_after_braking(monkeypatch):
         ({}, {'keeps_stamps': False}, 'stopped it; the arm stands'),
         ({}, {'tells': False}, 'stopped it; the arm stands'),
         ({}, {'refuses': ['no stop']}, 'stopped it; the arm stands'),
+        ({}, {'scaling': 0.5}, 'stopped it; the arm stands'),
         ({}, {'cancels': False, 'tells': False}, 'DID NOT ANSWER THE CANCEL; the arm stands'),
     ],
 )
@@ -402,20 +411,24 @@ class Answer:
         return self._value
 
 
-def client(monkeypatch, *, ready=True, **requests):
+QUERY = ('/jtc/query_state', ['some/type'])
+
+
+def client(monkeypatch, *, ready=True, services=(QUERY,), **requests):
     """Return a Downstream whose action client handles requests by these functions."""
     action = SimpleNamespace(server_is_ready=lambda: ready, **requests)
     monkeypatch.setattr(downstream, 'ActionClient', lambda *_, **__: action)
     node = SimpleNamespace(
         resolve_topic_name=lambda name: f'/{name}',
         executor=SimpleNamespace(create_task=lambda work: work()),
-        get_service_names_and_types=lambda: [('/jtc/query_state', ['some/type'])],
+        get_service_names_and_types=lambda: services,
     )
     return Downstream(node, 'jtc/follow', None)
 
 
 async def test_missing_server_and_rejection_are_reported(monkeypatch):
     assert client(monkeypatch).keeps_stamps
+    assert not client(monkeypatch, services=()).keeps_stamps
     with pytest.raises(GoalRejectedError, match='nobody serves the action /jtc/follow'):
         await client(monkeypatch, ready=False).send(None, None, 1.0)
     no = Answer(SimpleNamespace(accepted=False))

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver of somebody else: what ros2_control's joint_trajectory_controller does with goals.
+"""A stand-in for ros2_control's joint_trajectory_controller.
 
-Written after its trajectory.cpp and joint_trajectory_controller.cpp (jazzy): a new trajectory
-replaces the old one at once; it begins at its stamp, or now where that is zero; before its first
-point it is joined from the measured state; between points with accelerations it is quintic; a
-canceled goal holds the arm where it is. The arm is where it is commanded, one cycle later.
+It follows trajectory.cpp and joint_trajectory_controller.cpp (jazzy). A new trajectory replaces
+the old one immediately, and starts at its stamp, or now if that is zero. It is connected from the
+measured state to its first point, and quintic between points with accelerations. Cancel holds the
+present position. The arm follows its commands with one cycle of delay.
 """
 
 import threading
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -39,7 +39,7 @@ def ns(message: Any) -> int:
 
 
 def between(begin: Array, end: Array, h: float, t: float) -> Array:
-    """Return position, velocity, acceleration, shape (3, n), of the quintic between two states."""
+    """Return the state (3, n) at time t on the quintic of duration h between two states."""
     (p, v, a), (q, w, b) = begin, end
     d = q - p
     c = [
@@ -61,22 +61,20 @@ def between(begin: Array, end: Array, h: float, t: float) -> Array:
 
 @dataclass
 class Followed:
-    """A trajectory: its points as states, shape (k, 3, n), and the state before it."""
+    """A trajectory: its points as states, shape (k, 3, n), and the state at acceptance."""
 
     begin: int
     times: list[int]
     states: Array
     before: Array
-    taken: int
-    slower: int = 0
+    accepted: int
 
     def at(self, now: int) -> Array:
-        """Return what is commanded, ns."""
-        now = max(now - self.slower, self.taken)
+        """Return the commanded state at a time, ns."""
         since = now - self.begin
         if since < self.times[0]:
-            whole = (self.begin + self.times[0] - self.taken) / NS
-            return between(self.before, self.states[0], whole, (now - self.taken) / NS)
+            whole = (self.begin + self.times[0] - self.accepted) / NS
+            return between(self.before, self.states[0], whole, (now - self.accepted) / NS)
         if since >= self.times[-1]:
             rest = np.zeros_like(self.states[-1])
             rest[0] = self.states[-1][0]
@@ -88,20 +86,17 @@ class Followed:
 
 
 class JtcLike:
-    """One such controller with its own thread. `commanded`: each cycle's time, ns, and state.
+    """A controller in a separate thread. `commanded`: time, ns, and state of each cycle.
 
-    refuses: goals; answers_after: how late it takes them, s; cancels: or refuses to; silent: no
-    state; scaling: of its time; ahead: of its clock, ns; reports: a `~/controller_state`, too.
+    ahead: error of its clock, ns. reports: publish `~/controller_state`, too.
     """
 
     def __init__(
         self, domain: int, names: tuple[str, ...], start: list[float], *, reports: bool = True
     ) -> None:
-        self.names, self.refuses, self.cancels, self.silent = names, False, True, False
-        self.answers_after, self.scaling, self.ahead = 0.0, 1.0, 0
+        self.names, self.ahead = names, 0
         self.commanded: list[tuple[int, Array]] = []
-        self.taken: list[FollowJointTrajectory.Goal] = []
-        self.canceled = 0
+        self.accepted: list[FollowJointTrajectory.Goal] = []
         self._domain = domain
         self._lock = threading.Lock()
         self._state = np.array([start, np.zeros(len(names)), np.zeros(len(names))])
@@ -119,29 +114,17 @@ class JtcLike:
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._execute,
-            goal_callback=self._goal,
             handle_accepted_callback=self._accepted,
             cancel_callback=self._cancel,
         )
-        self._service = self.node.create_service(  # of another type, which is not looked at
-            Trigger, '~/query_state', lambda _, response: response
-        )
+        # smooth_goals only checks its name
+        self.node.create_service(Trigger, '~/query_state', lambda _, response: response)
         self._executor = SingleThreadedExecutor(context=self.node.context)
         self._executor.add_node(self.node)
         self._closing = False
-        self._threads = [threading.Thread(target=each) for each in (self._spin, self._cycle)]
+        self._threads = [threading.Thread(target=target) for target in (self._spin, self._cycle)]
         for thread in self._threads:
             thread.start()
-
-    def be_unknown(self) -> None:
-        """Be no joint_trajectory_controller: take the service away by which it is known."""
-        self.node.destroy_service(self._service)
-
-    def vanish(self) -> None:
-        """Serve the action no more; the arm stays where it is."""
-        with self._lock:
-            self._followed = None
-        self._executor.create_task(self.server.destroy)
 
     def close(self) -> None:
         self._closing = True
@@ -157,10 +140,6 @@ class JtcLike:
     def _spin(self) -> None:
         while not self._closing:
             self._executor.spin_once()
-
-    def _goal(self, _goal: Any) -> GoalResponse:
-        time.sleep(self.answers_after)
-        return GoalResponse.REJECT if self.refuses else GoalResponse.ACCEPT
 
     def _accepted(self, handle: Any) -> None:
         goal = handle.request
@@ -180,7 +159,7 @@ class JtcLike:
                 now,
             )
             self._active = (handle, Future())
-            self.taken.append(goal)
+            self.accepted.append(goal)
         handle.execute()
 
     async def _execute(self, handle: Any) -> FollowJointTrajectory.Result:
@@ -190,11 +169,8 @@ class JtcLike:
         return FollowJointTrajectory.Result(error_code=code, error_string=text)
 
     def _cancel(self, _handle: Any) -> CancelResponse:
-        if not self.cancels:
-            return CancelResponse.REJECT
         with self._lock:
-            self.canceled += 1
-            self._followed = None  # it holds the arm where it is
+            self._followed = None  # holds the present position
             self._executor.create_task(self._end_locked, 'canceled', 0, '')
         return CancelResponse.ACCEPT
 
@@ -208,7 +184,7 @@ class JtcLike:
             self._active = None
 
     def abort(self, code: int, text: str) -> None:
-        """End the goal that runs, as one whose tolerance was not kept."""
+        """Abort the running goal, like after a tolerance violation."""
         with self._lock:
             self._followed = None
             self._executor.create_task(self._end_locked, 'abort', code, text)
@@ -220,16 +196,15 @@ class JtcLike:
         return self.node.get_clock().now().nanoseconds + self.ahead
 
     def _cycle(self) -> None:
-        fed, now = 0, self.now()
+        fed = 0
         while not self._closing:
             time.sleep(PERIOD_S)
-            before, now = now, self.now()
+            now = self.now()
             with self._lock:
                 measured = self._state
                 if (followed := self._followed) is not None:
-                    followed.slower += int((1.0 - self.scaling) * (now - before))
                     self._state = followed.at(now)
-                    if now - followed.slower >= followed.begin + followed.times[-1]:
+                    if now >= followed.begin + followed.times[-1]:
                         self._followed = None
                         self._executor.create_task(self._end_locked, 'succeed', 0, 'Goal reached')
                 else:
@@ -242,32 +217,31 @@ class JtcLike:
                 velocity=measured[1].tolist(),
             )
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, NS)
-            if not self.silent:
-                self._states.publish(message)
-                if self._reports is not None:
-                    report = JointTrajectoryControllerState(joint_names=message.name)
-                    report.header = message.header
-                    report.feedback.positions = message.position
-                    report.feedback.velocities = message.velocity
-                    self._reports.publish(report)
+            self._states.publish(message)
+            if self._reports is not None:
+                report = JointTrajectoryControllerState(joint_names=message.name)
+                report.header = message.header
+                report.feedback.positions = message.position
+                report.feedback.velocities = message.velocity
+                self._reports.publish(report)
             if active is not None and now - fed >= FEEDBACK_S * NS:
                 fed = now
                 feedback = FollowJointTrajectory.Feedback(joint_names=list(self.names))
                 feedback.header.stamp = message.header.stamp
                 feedback.desired.positions = self._state[0].tolist()
                 if followed is not None:
-                    since = max(now - followed.slower - followed.begin, 0)
+                    since = max(now - followed.begin, 0)
                     passed = feedback.desired.time_from_start
                     passed.sec, passed.nanosec = divmod(since, NS)
                 feedback.actual.positions = measured[0].tolist()
                 active[0].publish_feedback(feedback)
 
 
-def shares(commanded: list[tuple[int, Array]], limits: JointLimits) -> dict[str, float]:
-    """Return the largest velocity, acceleration, jerk, and jump, of what was commanded.
+def limit_usage(commanded: list[tuple[int, Array]], limits: JointLimits) -> dict[str, float]:
+    """Return the largest velocity, acceleration, jerk and jump of the commands.
 
-    As shares of the limits: the jerk is the change of acceleration in a cycle; a jump what is left
-    of the way in a cycle by both its velocities, as a share of what the jerk may change in it.
+    All are fractions of the limits. Jerk is the change of acceleration in a cycle. A jump is the
+    part of a cycle's displacement that its velocities and accelerations do not explain.
     """
     times = np.array([time for time, _ in commanded]) / NS
     q, v, a = np.moveaxis(np.array([state for _, state in commanded]), 1, 0)
