@@ -1,8 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What programs in other processes find of the running driver: quality of service, parameters."""
+"""The driver as seen by other processes: quality of service, parameters, types."""
 
-import math
 import os
 import sys
 from pathlib import Path
@@ -19,7 +18,6 @@ from rclpy.qos import (
     qos_check_compatible,
     qos_profile_sensor_data,
 )
-from sensor_msgs.msg import JointState
 from support.cell import Cell
 from support.ros_peer import JOINTS, PATIENCE
 
@@ -34,7 +32,7 @@ ROWS = {row.name: row for row in (*TABLE, *(row for name in JOINTS for row in jo
 OF_EVERY_NODE = {'use_sim_time', 'start_type_description_service'}
 
 
-def test_default_and_sensor_subscribers_get_every_topic_and_late_ones_the_latched(
+def test_every_topic_is_compatible_with_default_and_sensor_subscribers(
     shared_cell: Cell,
 ) -> None:
     node = shared_cell.peer.node
@@ -53,30 +51,16 @@ def test_default_and_sensor_subscribers_get_every_topic_and_late_ones_the_latche
             assert compatible != QoSCompatibility.ERROR, f'{topic}: {why}'
 
 
-def test_joint_states_reach_a_subscriber_with_the_qos_of_sensors(shared_cell: Cell) -> None:
-    came: list[JointState] = []
-    node = shared_cell.peer.node
-    topic = node.create_subscription(
-        JointState, '/joint_states', came.append, qos_profile_sensor_data
-    )
-    shared_cell.peer.wait_for(lambda: len(came) >= 5, 'five joint states')
-    node.destroy_subscription(topic)
-    for message in came:
-        assert list(message.name) == JOINTS
-        assert len(message.position) == len(message.velocity) == len(JOINTS)
-        assert all(map(math.isfinite, (*message.position, *message.velocity)))
-
-
-def test_parameters_are_listed_described_and_set_from_outside(shared_cell: Cell) -> None:
+def test_parameters_are_listed_described_and_set_by_services(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     client = AsyncParameterClient(peer.node, NODE)
     assert client.wait_for_services(PATIENCE)
     names = set(peer.complete(client.list_parameters()).result.names)
     assert names == set(ROWS) | OF_EVERY_NODE
-    for each in peer.complete(client.describe_parameters([*ROWS])).descriptors:
-        row = ROWS[each.name]
-        assert (each.description, each.read_only) == (row.description, not row.now)
-        assert all(choice in each.additional_constraints for choice in row.choices)
+    for descriptor in peer.complete(client.describe_parameters([*ROWS])).descriptors:
+        row = ROWS[descriptor.name]
+        assert (descriptor.description, descriptor.read_only) == (row.description, not row.now)
+        assert all(choice in descriptor.additional_constraints for choice in row.choices)
     for name, value, words in (
         ('reply_timeout', 6.0, ()),
         ('reply_timeout', 5.0, ()),
@@ -84,16 +68,16 @@ def test_parameters_are_listed_described_and_set_from_outside(shared_cell: Cell)
         ('state_timeout', 2.0, ('state_timeout', 'read-only')),
         ('reply_timeout', True, ('type',)),
     ):
-        given = Parameter(name, value=value).to_parameter_msg()
-        (result,) = peer.complete(client.set_parameters([given])).results
+        message = Parameter(name, value=value).to_parameter_msg()
+        (result,) = peer.complete(client.set_parameters([message])).results
         assert result.successful == (not words), result.reason
         assert all(word in result.reason for word in words)
 
 
-def test_the_definition_of_every_type_of_the_driver_is_installed(
+def test_definition_of_every_interface_type_is_installed(
     shared_cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if not os.environ.get('AMENT_PREFIX_PATH'):  # an environment made by pip is its own prefix
+    if not os.environ.get('AMENT_PREFIX_PATH'):  # in a pip environment
         monkeypatch.setenv('AMENT_PREFIX_PATH', sys.prefix)
     node = shared_cell.peer.node
     types = {'control_msgs/action/FollowJointTrajectory'}

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver beside controllers of other profiles, Motoman's among them."""
+"""The driver with controllers of all profiles."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,6 @@ from support.cell import START
 from support.ros_peer import trajectory
 
 from epson_driver.motion import Trajectory
-from epson_driver.profiles import load_controller_profile
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory
 
@@ -19,7 +18,7 @@ PLANS = ('around_pillar_11_points', 'around_pillar_fast_100ms', 'around_pillar_p
 
 
 def message_of(plan: Trajectory) -> Any:
-    """Return a plan as a ROS message, with its velocities."""
+    """Return a plan as a ROS message with velocities."""
     message = trajectory(*zip(plan.times.tolist(), plan.positions.tolist(), strict=True))
     if plan.velocities is not None:
         for point, velocities in zip(message.points, plan.velocities.tolist(), strict=True):
@@ -34,11 +33,11 @@ KINDS = ('generic', 'abb', 'motoman', 'simulated', 'rc700a', 'fanuc', 'spel')
     ('name', 'plans'),
     [
         ('abb', PLANS[:1]),
-        ('motoman', PLANS[1:2]),  # another way of sending points
+        ('motoman', PLANS[1:2]),  # sends points differently
         *(pytest.param(name, PLANS, marks=pytest.mark.slow) for name in KINDS),
     ],
 )
-def test_the_same_planned_trajectories_succeed_on_every_controller(
+def test_planned_trajectories_succeed_on_every_controller(
     make_cell: Any, name: str, plans: Sequence[str]
 ) -> None:
     how = () if name == 'spel' else ('--motion=smooth',)
@@ -54,27 +53,7 @@ def test_the_same_planned_trajectories_succeed_on_every_controller(
         assert np.abs(cell.peer.assert_still(5) - end).max() < 1e-4
 
 
-def test_what_goes_over_the_wire_is_counted_as_the_controller_does(make_cell: Any) -> None:
-    cell = make_cell('--controller=fanuc', controller='fanuc', j23_factor=1).ready()
-    cell.peer.enable()
-    shown = [*START[:2], START[2] + START[1], *START[3:]]
-    np.testing.assert_allclose(cell.peer.position(), shown, atol=1e-6)
-    target = [0.1, 0.3, 0.4, *shown[3:]]
-    assert cell.peer.goal(trajectory((0.0, shown), (0.5, target))).result()[0] == 'succeeded'
-    np.testing.assert_allclose(cell.peer.assert_still(5), target, atol=1e-4)
-
-
-def test_a_download_that_is_too_long_says_so(make_cell: Any) -> None:
-    cell = make_cell('--controller=abb', controller='abb').ready()
-    cell.peer.enable()
-    buffer = load_controller_profile('abb').program.download.buffer
-    points = [(0.1 * index, START) for index in range(buffer + 1)]
-    ended, code, text = cell.peer.goal(trajectory(*points)).result()
-    assert (ended, code) == ('aborted', -1)
-    assert f'has {buffer + 1} points, but the controller keeps {buffer} ' in text
-
-
-def test_a_motoman_is_enabled_reset_and_disabled_by_its_own_commands(make_cell: Any) -> None:
+def test_motoman_is_enabled_reset_and_disabled_by_its_commands(make_cell: Any) -> None:
     cell = make_cell('--controller=motoman', controller='motoman', remote_port=0).ready()
     peer = cell.peer
     assert peer.robot_status[-1].drives_powered.val == 0

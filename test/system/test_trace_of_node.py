@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A run of the real node, recorded through its parameter."""
+"""Traces of the real node, recorded by its parameters."""
 
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,9 @@ def plan() -> Any:
     return trajectory((0.0, START), (0.3, TARGET), (0.6, START))
 
 
-def test_a_goal_is_recorded_until_the_parameter_is_cleared(make_cell: Any, tmp_path: Path) -> None:
+def test_trace_records_a_goal_until_the_parameter_is_cleared(
+    make_cell: Any, tmp_path: Path
+) -> None:
     cell: Cell = make_cell(trace_folder=tmp_path, trace_file='run-%Y.pcap').ready()
     cell.peer.enable()
     ended, _, text = cell.peer.goal(plan()).result()
@@ -40,7 +42,7 @@ def test_a_goal_is_recorded_until_the_parameter_is_cleared(make_cell: Any, tmp_p
     assert points >= 3
 
 
-def test_the_parameter_is_refused_with_the_reason_and_may_change(
+def test_invalid_trace_file_is_rejected_and_trace_size_respected(
     make_cell: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / 'traces' / 'a.pcap'
@@ -64,20 +66,10 @@ def test_the_parameter_is_refused_with_the_reason_and_may_change(
     servers = {step.server[1] for step in steps}
     assert {cell.ports.motion, cell.ports.state} <= servers
     count = len(peer.joint_states)
-    peer.wait_for(lambda: len(peer.joint_states) > count, 'the driver goes on')
+    peer.wait_for(lambda: len(peer.joint_states) > count, 'more joint states')
 
 
-def test_a_file_that_cannot_be_made_does_not_keep_the_node_from_starting(
-    make_cell: Any, tmp_path: Path
-) -> None:
-    path = tmp_path / 'a.pcap'
-    path.write_text('evidence')
-    cell: Cell = make_cell(trace_folder=tmp_path, trace_file=path.name).ready()
-    assert 'File exists' in cell.client.log_text()
-    assert path.read_text() == 'evidence'
-
-
-def test_the_end_of_the_node_ends_the_trace(make_cell: Any, tmp_path: Path) -> None:
+def test_node_s_end_completes_the_trace(make_cell: Any, tmp_path: Path) -> None:
     path = tmp_path / 'a.pcap'
     cell: Cell = make_cell(trace_folder=tmp_path, trace_file=path.name).ready()
     assert cell.client.end() == 0
