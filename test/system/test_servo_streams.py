@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Streams through ROS and real processes: MoveIt Servo's, ros2_control's, single points."""
+"""Setpoint streams through ROS and processes: MoveIt Servo, jogging, single points."""
 
 import math
 import threading
@@ -23,21 +23,20 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from epson_driver.driver.servo.restart_interlock import RELEASE_S
 
 LENIENT = {'servo__timeout': 1.0, 'servo__start_tolerance': 0.5}
-"""A process that is not scheduled for a while is not silent."""
+"""Settings that tolerate an unscheduled process."""
 
-WAY = 0.4
+TRAVEL = 0.4
 SPEED = 0.5
-"""rad of joint 1, and rad/s on the way."""
+"""Travel of joint 1, rad, and its speed, rad/s."""
 
 FASTEST = math.radians(450.0)
-"""What joint 1 may do, rad/s."""
+"""Velocity limit of joint 1, rad/s."""
 
 RACES = 10
-"""Of a stream against `~/stop` or `~/disable`, with each seed: 150 in all."""
+"""Races of a stream against `~/stop` or `~/disable` per seed."""
 
 ARRIVING = 0.01
-"""The stream falls silent when the arm is so near to its end, rad: however late the machine made
-sender, driver or controller, the end has been sent by then."""
+"""Distance from the end at which the stream stops, rad. The end was sent before."""
 
 
 @pytest.fixture(scope='module')
@@ -51,11 +50,11 @@ def servo_cell(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def rest(cell: Cell) -> np.ndarray:
-    """Wait until the stream is over, and return where the arm stands then."""
+    """Wait until the stream has ended, and return the arm's position."""
     peer = cell.peer
     peer.wait_until_still()
     while values(cell)['stream followed'] != 'none':
-        pass  # once a second
+        pass  # one message a second
     return peer.assert_still()
 
 
@@ -65,10 +64,10 @@ def go_home(cell: Cell) -> None:
 
 
 class MoveItServo:
-    """Makes the messages of MoveIt Servo of Jazzy: a window of commanded states.
+    """Makes the messages of MoveIt Servo (Jazzy): a window of commanded states.
 
-    Each cycle adds the state for 0.1 s ahead, drops what is older than 0.1 s, and sends all but
-    the newest, if there are three at least. Nothing more comes when the input ends.
+    A cycle adds the state 0.1 s ahead and drops states older than 0.1 s. It sends all except
+    the newest, at least three. Messages stop when the input ends.
     """
 
     LATENCY = 0.1
@@ -77,8 +76,10 @@ class MoveItServo:
         self.names = names
         self.window: deque[tuple[float, list[float], list[float]]] = deque()
 
-    def cycle(self, now: float, at: list[float], velocity: list[float]) -> JointTrajectory | None:
-        self.window.append((now + self.LATENCY, at, velocity))
+    def cycle(
+        self, now: float, positions: list[float], velocity: list[float]
+    ) -> JointTrajectory | None:
+        self.window.append((now + self.LATENCY, positions, velocity))
         while self.window[0][0] < now - self.LATENCY:
             self.window.popleft()
         if len(self.window) < 4:
@@ -98,11 +99,13 @@ class MoveItServo:
         return message
 
 
-def reference(begin: np.ndarray, elapsed: float, way: float = WAY) -> tuple[list[float], float]:
-    """Return positions after a time of a way of joint 1, and its velocity."""
-    done = min(SPEED * elapsed, abs(way))
-    sign = 1.0 if way > 0.0 else -1.0
-    velocity = sign * SPEED if done < abs(way) else 0.0
+def reference(
+    begin: np.ndarray, elapsed: float, distance: float = TRAVEL
+) -> tuple[list[float], float]:
+    """Return the positions after a time of a motion of joint 1, and its velocity."""
+    done = min(SPEED * elapsed, abs(distance))
+    sign = 1.0 if distance > 0.0 else -1.0
+    velocity = sign * SPEED if done < abs(distance) else 0.0
     return [begin[0] + sign * done, *begin[1:].tolist()], velocity
 
 
@@ -117,7 +120,7 @@ def values(cell: Cell) -> dict[str, str]:
 @pytest.mark.parametrize(
     'rate', [pytest.param(30.0, marks=pytest.mark.slow), 100.0], ids=['30 Hz', '100 Hz']
 )
-def test_windows_of_moveit_servo_are_followed(servo_cell: Cell, rate: float) -> None:
+def test_moveit_servo_windows_are_followed(servo_cell: Cell, rate: float) -> None:
     peer = servo_cell.peer
     publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
     peer.wait_for(publisher.get_subscription_count, '~/servo')
@@ -125,44 +128,44 @@ def test_windows_of_moveit_servo_are_followed(servo_cell: Cell, rate: float) -> 
     jitter = np.random.default_rng(1)
     before = int(values(servo_cell)['setpoints received'])
     begin = peer.position()
-    way = WAY if begin[0] < 0.2 else -WAY
+    distance = TRAVEL if begin[0] < 0.2 else -TRAVEL
     started = time.time()
-    while abs(peer.joint_states[-1].position[0] - begin[0] - way) > ARRIVING:
+    while abs(peer.joint_states[-1].position[0] - begin[0] - distance) > ARRIVING:
         elapsed = time.time() - started
         assert elapsed < PATIENCE, 'the arm does not arrive'
-        at, velocity = reference(begin, elapsed, way)
-        message = servo.cycle(time.time(), at, [velocity] + [0.0] * 5)
+        positions, velocity = reference(begin, elapsed, distance)
+        message = servo.cycle(time.time(), positions, [velocity] + [0.0] * 5)
         if message is not None:
             publisher.publish(message)
         time.sleep((0.8 + 0.4 * jitter.random()) / rate)
-    np.testing.assert_allclose(rest(servo_cell)[0], begin[0] + way, atol=1e-3)
+    np.testing.assert_allclose(rest(servo_cell)[0], begin[0] + distance, atol=1e-3)
     assert int(values(servo_cell)['setpoints received']) > before
     go_home(servo_cell)
 
 
 STEPS = (0.0, 0.05, -0.05, 0.5, -0.5, 3600.0, -3600.0, 1e8, -1e8)
-"""By which a clock is wrong, s, one after the other."""
+"""Successive errors of a clock, s."""
 
 FAKE_CLOCK = next(Path('/usr/lib').glob('*/faketime/libfaketimeMT.so.1'), None)
 """Sets the system clock of one process (Debian's package faketime)."""
 
 
 def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None:
-    """Send windows for six seconds while a clock is set; the arm is never faster for it.
+    """Send windows for 6 s while a clock steps, and assert that the arm is not faster.
 
-    `step_to` sets the clock to be wrong by so much, s, and returns what that adds to stamps, s.
+    `step_to` sets the clock's error, s, and returns the resulting error of stamps, s.
     """
     peer = cell.peer
     publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
     peer.wait_for(publisher.get_subscription_count, '~/servo')
     servo, received = MoveItServo(), int(values(cell)['setpoints received'])
     begin, first = peer.position(), len(peer.joint_states)
-    way = WAY if begin[0] < 0.2 else -WAY
+    distance = TRAVEL if begin[0] < 0.2 else -TRAVEL
     started = time.time()
     while (elapsed := time.time() - started) < 6.0:
         added = step_to(STEPS[int(elapsed / 0.3) % len(STEPS)])
-        at, velocity = reference(begin, elapsed % 3.0, way)
-        message = servo.cycle(time.time(), at, [velocity] + [0.0] * 5)
+        positions, velocity = reference(begin, elapsed % 3.0, distance)
+        message = servo.cycle(time.time(), positions, [velocity] + [0.0] * 5)
         if message is not None:
             stamp = message.header.stamp
             nanoseconds = stamp.sec * 10**9 + stamp.nanosec + round(added * 1e9)
@@ -174,7 +177,11 @@ def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None
     after = values(cell)
     assert after['arm gate'] == 'open'
     assert int(after['setpoints received']) > received
-    assert min(begin[0], begin[0] + way) - 0.05 < there[0] < max(begin[0], begin[0] + way) + 0.05
+    assert (
+        min(begin[0], begin[0] + distance) - 0.05
+        < there[0]
+        < max(begin[0], begin[0] + distance) + 0.05
+    )
     fastest = max(abs(state.velocity[0]) for state in peer.joint_states[first:])
     assert fastest < 0.27 * FASTEST  # servo.scale is 0.25
     go_home(cell)
@@ -182,14 +189,14 @@ def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None
 
 @pytest.mark.slow
 @pytest.mark.invariant(1, 4)
-def test_inv1_steps_of_the_sender_s_clock_never_make_the_arm_faster(servo_cell: Cell) -> None:
+def test_inv1_clock_steps_of_the_sender_do_not_speed_up_the_arm(servo_cell: Cell) -> None:
     windows_through_steps(servo_cell, lambda wrong: wrong)
 
 
 @pytest.mark.slow
 @pytest.mark.invariant(1, 4)
 @pytest.mark.skipif(FAKE_CLOCK is None, reason='no libfaketime (Debian: apt install faketime)')
-def test_inv1_steps_of_the_driver_s_clock_never_make_the_arm_faster(tmp_path: Path) -> None:
+def test_inv1_clock_steps_of_the_driver_do_not_speed_up_the_arm(tmp_path: Path) -> None:
     file = tmp_path / 'clock'
     settings = {
         'LD_PRELOAD': FAKE_CLOCK,
@@ -214,36 +221,10 @@ def test_inv1_steps_of_the_driver_s_clock_never_make_the_arm_faster(tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_ros2_control_sends_while_the_arm_is_away_from_its_command(servo_cell: Cell) -> None:
-    """Its first command is an initial value, 0: far away, and not followed."""
-    peer = servo_cell.peer
-    publisher = peer.node.create_publisher(JointState, 'epson_driver/joint_commands', 10)
-    peer.wait_for(publisher.get_subscription_count, '~/joint_commands')
-    begin = peer.position()
-    for _ in range(50):
-        publisher.publish(JointState(name=JOINTS, position=[3.0] + [0.0] * 5))
-        time.sleep(0.01)
-    np.testing.assert_array_equal(peer.position(), begin)
-    refused = int(values(servo_cell)['setpoints refused'])
-    assert refused > 0
-    started = time.time()
-    target = begin
-    while True:
-        at, _ = reference(begin, time.time() - started)
-        away = np.abs(np.array(peer.joint_states[-1].position) - at).sum()
-        if at[0] >= begin[0] + WAY and away < 1e-3:
-            break  # silent, as the arm is there
-        assert time.time() < started + PATIENCE
-        publisher.publish(JointState(name=JOINTS, position=at))
-        target = np.array(at)
-        time.sleep(0.01)
-    np.testing.assert_allclose(rest(servo_cell)[0], target[0], atol=1e-3)
-    go_home(servo_cell)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('topic', ['position_commands', 'velocity_commands', 'joint_jog', 'servo'])
-def test_every_topic_moves_the_arm_and_silence_stops_it(servo_cell: Cell, topic: str) -> None:
+@pytest.mark.parametrize(
+    'topic', ['position_commands', 'velocity_commands', 'joint_commands', 'joint_jog', 'servo']
+)
+def test_every_topic_moves_the_arm_until_its_messages_end(servo_cell: Cell, topic: str) -> None:
     peer = servo_cell.peer
     kind, message_at = MESSAGES[topic]
     publisher = peer.node.create_publisher(kind, f'epson_driver/{topic}', 10)
@@ -273,15 +254,16 @@ MESSAGES: dict[str, tuple[Any, Any]] = {
         JointJog,
         lambda _state: JointJog(joint_names=JOINTS[:1], velocities=[SPEED]),
     ),
+    'joint_commands': (JointState, lambda state: JointState(name=JOINTS, position=state[0])),
     'servo': (JointTrajectory, _point),
 }
 
 
 class Publishers:
-    """A held key, 50 Hz, and an idle stick, 10 Hz: two publishers on one topic, until closed."""
+    """Two publishers on one topic: a pressed key at 50 Hz and an idle joystick at 10 Hz."""
 
     def __init__(self, cell: Cell) -> None:
-        self._node, self._held = cell.peer.node, threading.Event()
+        self._node, self._pressed = cell.peer.node, threading.Event()
         self._ended = threading.Event()
         self.speed = SPEED
         self._threads = [
@@ -295,16 +277,16 @@ class Publishers:
             Float64MultiArray, 'epson_driver/velocity_commands', 10
         )
         while not self._ended.wait(0.1 if index else 0.02):
-            if self._held.is_set():
+            if self._pressed.is_set():
                 velocity = 0.0 if index else self.speed
                 publisher.publish(Float64MultiArray(data=[velocity] + [0.0] * 5))
 
     def hold(self, speed: float) -> None:
         self.speed = speed
-        self._held.set()
+        self._pressed.set()
 
     def release(self) -> None:
-        self._held.clear()
+        self._pressed.clear()
 
     def close(self) -> None:
         self._ended.set()
@@ -313,9 +295,9 @@ class Publishers:
 
 
 def press(publishers: Publishers, peer: Any) -> int:
-    """Hold the key until the arm moves; return how often it had to be let go of and held again.
+    """Press the key until the arm moves, and return the number of repetitions.
 
-    A driver that was held up cannot tell whether the key was let go of for a second before.
+    After a stall, the driver cannot know whether the key was released for a second before.
     """
     begin = peer.position()[0]
     for again in range(20):
@@ -335,10 +317,10 @@ def press(publishers: Publishers, peer: Any) -> int:
 @pytest.mark.parametrize(
     'seed', [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 15))]
 )
-def test_inv4_stop_holds_while_a_key_is_held_and_a_stick_sends_zeros(
+def test_inv4_stop_holds_while_a_key_and_an_idle_joystick_send(
     servo_cell: Cell, seed: int
 ) -> None:
-    """What moved the arm 0.086 rad after `~/stop`, and 0.123 rad after `~/enable`."""
+    """The arm once moved 0.086 rad after `~/stop`, and 0.123 rad after `~/enable`."""
     peer, random = servo_cell.peer, np.random.default_rng(seed)
     publishers, again = Publishers(servo_cell), 0
     try:
@@ -357,5 +339,5 @@ def test_inv4_stop_holds_while_a_key_is_held_and_a_stick_sends_zeros(
             time.sleep(1.5 * RELEASE_S)
     finally:
         publishers.close()
-    print(f'{again} of {RACES} times the key had to be let go of twice')
+    print(f'{again} of {RACES} presses were repeated')
     go_home(servo_cell)
