@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures of cells, which end with the test."""
+"""Fixtures that start cells and end them after the test."""
 
 import os
 
@@ -28,13 +28,13 @@ def make_cell(tmp_path: Any) -> Iterator[Any]:
 
 @pytest.fixture
 def cell(make_cell: Any) -> Cell:
-    """A running cell, arm not enabled."""
+    """A running cell with the arm disabled."""
     return make_cell().ready()
 
 
 @pytest.fixture(scope='module')
 def one_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One cell for all tests of a module, arm not enabled at first."""
+    """One cell for all tests of a module, with the arm disabled at first."""
     one = Cell(tmp_path_factory.mktemp('cell'))
     try:
         yield one.ready()
@@ -44,6 +44,6 @@ def one_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
 
 @pytest.fixture(scope='module')
 def shared_cell(one_cell: Cell) -> Cell:
-    """One enabled cell for all tests of a module that leave it as they found it."""
+    """One enabled cell for all tests of a module that restore its state."""
     one_cell.peer.enable()
     return one_cell

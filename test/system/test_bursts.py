@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""More requests at once than any queue of ten takes: each of them is answered.
+"""The driver answers each request of a burst larger than a queue of ten (invariants 5 and 9).
 
-Invariants 5 and 9. The user's queues are deep here, too: answers that push each other out of those
-are not the driver's (docs/ros_interface.md).
+The user's queues are deep here, too, because a full queue of the user drops replies
+(docs/ros_interface.md).
 """
 
 import random
@@ -28,8 +28,8 @@ pytestmark = pytest.mark.invariant(5, 9)
 DEEP = QoSProfile(depth=1000)
 
 
-def at_once(peer: RosPeer, send: Callable[[], Any], count: int) -> list[Any]:
-    """Send requests one right after the other, and return all answers."""
+def send_burst(peer: RosPeer, send: Callable[[], Any], count: int) -> list[Any]:
+    """Send requests one after another, and return all replies."""
     futures = peer.in_executor(lambda: [send() for _ in range(count)])
     return [peer.complete(future) for future in futures]
 
@@ -50,17 +50,15 @@ def action(shared_cell: Cell) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
-def test_each_of_many_goals_that_come_at_once_is_answered(
-    shared_cell: Cell, action: Any, count: int
-) -> None:
+def test_every_goal_of_a_burst_is_answered(shared_cell: Cell, action: Any, count: int) -> None:
     peer = shared_cell.peer
     here = peer.position().tolist()
     other = START if abs(here[0] - START[0]) > 0.1 else [0.3, *START[1:]]
     goal = FollowJointTrajectory.Goal(trajectory=trajectory((0.0, here), (0.5, other)))
-    handles = at_once(peer, lambda: action.send_goal_async(goal), count)
+    handles = send_burst(peer, lambda: action.send_goal_async(goal), count)
     assert all(handle.accepted for handle in handles)
-    asked = iter(handles)
-    answers = at_once(peer, lambda: next(asked).get_result_async(), count)
+    pending = iter(handles)
+    answers = send_burst(peer, lambda: next(pending).get_result_async(), count)
     ends = Counter(STATUS_NAMES[answer.status] for answer in answers)
     assert set(ends) <= {'aborted', 'succeeded'}
     assert ends.total() == count
@@ -72,12 +70,12 @@ def test_each_of_many_goals_that_come_at_once_is_answered(
     ('kind', 'name'),
     one_in(3, [(Trigger, 'enable'), (ReadIo, 'read_io'), (Trigger, 'stop')], several=True),
 )
-def test_each_of_many_calls_that_come_at_once_is_answered(
+def test_every_service_call_of_a_burst_is_answered(
     shared_cell: Cell, kind: Any, name: str, count: int
 ) -> None:
     peer = shared_cell.peer
     with peer.client(kind, f'epson_driver/{name}', qos_profile=DEEP) as client:
-        answers = at_once(peer, lambda: client.call_async(kind.Request()), count)
+        answers = send_burst(peer, lambda: client.call_async(kind.Request()), count)
     assert len(answers) == count
 
 
@@ -85,12 +83,12 @@ ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED)
 
 
 @pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
-def test_answers_that_a_client_lacks_were_lost_in_its_own_queue(
+def test_missing_replies_were_lost_in_the_client_s_queue(
     shared_cell: Cell, action: Any, count: int
 ) -> None:
-    """Both take no answer until each of their goals has ended, as a third node sees it.
+    """Two clients take no reply until all goals have ended, which a third node observes.
 
-    They differ in nothing but their queues, ten answers deep by default: the driver sent all.
+    They differ only in the depth of their queues, by default ten. So the driver sent all replies.
     """
     peer, observer = shared_cell.peer, RosPeer(shared_cell.domain)
     name = 'epson_driver/follow_joint_trajectory'
@@ -101,27 +99,29 @@ def test_answers_that_a_client_lacks_were_lost_in_its_own_queue(
         GoalStatusArray,
         f'{name}/_action/status',
         lambda message: ended.update(
-            bytes(each.goal_info.goal_id.uuid)
-            for each in message.status_list
-            if each.status in ENDED
+            bytes(status.goal_info.goal_id.uuid)
+            for status in message.status_list
+            if status.status in ENDED
         ),
         1,
     )
     try:
         assert usual.wait_for_server(PATIENCE)
-        for client, kept in ((action, count), (usual, 10)):
+        for client, depth in ((action, count), (usual, 10)):
 
             def burst(client: Any = client) -> list[Any]:
                 sent = {random.randbytes(16) for _ in range(count)}
-                ids = [UUID(uuid=list(each)) for each in sent]
-                futures = [client.send_goal_async(goal, goal_uuid=each) for each in ids]
+                ids = [UUID(uuid=list(number)) for number in sent]
+                futures = [client.send_goal_async(goal, goal_uuid=uuid) for uuid in ids]
                 observer.wait_for(lambda: sent <= ended, 'the end of each goal')
                 return futures
 
             futures = peer.in_executor(burst)
-            peer.wait_for(lambda f=futures, k=kept: sum(each.done() for each in f) >= k, 'answers')
-            peer.call('stop')  # another turn, which would take one more
-            assert sum(each.done() for each in futures) == kept
+            peer.wait_for(
+                lambda f=futures, n=depth: sum(future.done() for future in f) >= n, 'answers'
+            )
+            peer.call('stop')  # gives time for one more reply
+            assert sum(future.done() for future in futures) == depth
     finally:
         peer.in_executor(usual.destroy)
         observer.close()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The demo as a user runs it."""
+"""The demo, run like by a user."""
 
 import json
 import re
@@ -31,17 +31,17 @@ def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def assert_judged(run: subprocess.CompletedProcess[str]) -> None:
-    """The arm did what was planned, or the simulation was not scheduled, and nobody can tell."""
+    """Assert that the plan was executed, or that the machine was too busy to judge."""
     assert run.returncode in (0, TOO_BUSY), run.stdout + run.stderr
     verdict = 'too busy to judge' if run.returncode else 'the arm did what was planned'
     assert verdict in ' '.join(run.stdout.split())
 
 
-def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
+def test_demo_executes_the_plan_and_writes_a_report(tmp_path: Path) -> None:
     picture = tmp_path / 'report.png'
     run = demo(f'--picture={picture}')
     assert_judged(run)
-    if run.returncode and not picture.exists():  # so busy that there is nothing to draw
+    if run.returncode and not picture.exists():  # too busy: nothing to draw
         return
     assert picture.read_bytes().startswith(b'\x89PNG')
     assert 'Content-Security-Policy' in picture.with_suffix('.html').read_text(encoding='utf-8')
@@ -61,7 +61,7 @@ ONE_OF_EACH_SERIES = {name.partition('_')[0]: name for name in robot_models()}.v
     ('name', 'controller'),
     list(zip(ONE_OF_EACH_SERIES, cycle(['spel', 'simulated']), strict=False)),
 )
-def test_demo_of_every_series(name: str, controller: str, tmp_path: Path) -> None:
+def test_demo_runs_every_series(name: str, controller: str, tmp_path: Path) -> None:
     picture = tmp_path / 'arm.png'
     run = demo(f'--robot={name}', f'--controller={controller}', f'--picture={picture}')
     assert_judged(run)
@@ -73,17 +73,17 @@ def test_demo_of_every_series(name: str, controller: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: Path) -> None:
+def test_demo_compares_the_spel_and_the_built_in_program(tmp_path: Path) -> None:
     picture = tmp_path / 'both.png'
     run = demo('--controller=spel', '--compare', f'--picture={picture}')
     assert_judged(run)
     assert 'SPEL+ program' in run.stdout
-    if run.returncode and not picture.exists():  # so busy that there is nothing to draw
+    if run.returncode and not picture.exists():  # too busy: nothing to draw
         return
     figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
-    sources = [each['source'] for each in figures]
+    sources = [run['source'] for run in figures]
     assert sources == ['demo, smooth', 'demo, SPEL+ program']
-    assert all(len(each['motions']) == 1 for each in figures)
+    assert all(len(run['motions']) == 1 for run in figures)
 
 
 @pytest.mark.parametrize(
@@ -98,16 +98,16 @@ def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: P
         several=True,
     ),
 )
-def test_demo_refuses_arguments_that_do_not_go_together(arguments: list[str], words: str) -> None:
+def test_demo_rejects_invalid_arguments(arguments: list[str], words: str) -> None:
     run = demo(*arguments)
     assert run.returncode == 2
     assert words in run.stderr
 
 
-def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
+def test_demo_reports_an_invalid_file(tmp_path: Path) -> None:
     missing = demo('--trajectory', str(tmp_path / 'none.yaml'))
     assert missing.returncode == 1
-    assert 'none.yaml' in missing.stdout.replace('\n', '')  # as wide as a terminal
+    assert 'none.yaml' in missing.stdout.replace('\n', '')  # wrapped at the terminal's width
     plan = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
     bad = tmp_path / 'bad.yaml'
     text = plan.read_text(encoding='utf-8')
@@ -118,11 +118,11 @@ def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
     assert 'point 4' in words
     assert 'joint_1' in words
     assert '-2.96706' in words
-    page = (tmp_path / 'bad.html').read_text(encoding='utf-8')  # of what came before
+    page = (tmp_path / 'bad.html').read_text(encoding='utf-8')  # report of the motion before
     assert 'Content-Security-Policy' in page
 
 
-def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_interrupted_demo_leaves_no_process(tmp_path: Path) -> None:
     run = subprocess.Popen(
         [sys.executable, '-m', 'epson_driver.cli', 'demo', f'--picture={tmp_path / "x.png"}'],
         stdout=subprocess.PIPE,
@@ -142,7 +142,7 @@ def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
+def test_demo_compares_smooth_and_point_to_point(tmp_path: Path) -> None:
     picture = tmp_path / 'both.png'
     run = demo('--compare', f'--picture={picture}')
     assert_judged(run)
@@ -153,6 +153,6 @@ def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
     assert (at_points, smooth) == (9, 0) or run.returncode == TOO_BUSY
     assert picture.read_bytes().startswith(b'\x89PNG')
     both = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
-    assert [each['source'] for each in both] == ['demo, point to point', 'demo, smooth']
+    assert [motion['source'] for motion in both] == ['demo, point to point', 'demo, smooth']
     if not run.returncode:
-        assert [each['motions'][0]['stops'] for each in both] == [9, 0]
+        assert [motion['motions'][0]['stops'] for motion in both] == [9, 0]

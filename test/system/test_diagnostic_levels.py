@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`/diagnostics` of the real node while things go wrong at a real controller."""
+"""`/diagnostics` of the real node during an E-stop and a restart of the controller."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ OK, WARN, ERROR, STALE = (bytes([level]) for level in range(4))
 
 
 def rows(cell: Cell) -> dict[str, Any]:
-    """Return the statuses of the newest message, by their part."""
+    """Return the statuses of the newest message, by part."""
     if not cell.peer.diagnostics:
         return {}
     return {status.name.partition(': ')[2]: status for status in cell.peer.diagnostics[-1].status}
@@ -22,21 +22,21 @@ def values(status: Any) -> dict[str, str]:
 
 
 def wait(cell: Cell, part: str, level: bytes, text: str = '') -> dict[str, str]:
-    """Wait until that status has the level and the text; return its values."""
+    """Wait until a status has the level and the text, and return its values."""
 
-    found: dict[str, str] = {}
+    shown_values: dict[str, str] = {}
 
     def there() -> bool:
         status = rows(cell).get(part)
         if status is not None and status.level == level and text in status.message:
-            found.update(values(status))
-        return bool(found)
+            shown_values.update(values(status))
+        return bool(shown_values)
 
     cell.peer.wait_for(there, f'{part} at level {level!r}: {text}')
-    return found
+    return shown_values
 
 
-def test_levels_and_sentences_through_an_estop_and_a_restart(tmp_path: Path) -> None:
+def test_diagnostics_follow_an_estop_and_a_controller_restart(tmp_path: Path) -> None:
     cell = Cell(tmp_path)
     try:
         cell.ready()

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's process is stopped in mid-motion (SIGSTOP), as a debugger or a full memory does it.
+"""The node's process stalls during a motion (SIGSTOP), like in a debugger or while swapping.
 
-How soon the arm stands is measured in virtual time: test/driver/test_hung_driver.py.
+test/driver/test_hung_driver.py measures the stopping time, in virtual time.
 """
 
 import asyncio
@@ -20,26 +20,26 @@ from epson_driver.remote_ethernet.client import execute
 
 FAR = 2.0
 TIMEOUT = 2.0
-"""Of the controller, s: a machine that is busy holds nobody up for so long."""
+"""The controller's client timeout, s, longer than a stall of a busy machine."""
 
 
 PROFILE = """
 like: {name}
 name: waits
-description: the same, with more patience
+description: the same with a longer timeout
 server: {{client_timeout: {seconds}}}
 spel: {{config: {{FULL_POWER: 1, CLIENT_TIMEOUT: {seconds}}}}}
 """
 
-LOOKS, BETWEEN_S = 20, 0.02
-"""So many looks in a row at an arm that is not elsewhere show that it stands; and s between two:
-at once, they may all fall into one cycle of a busy controller."""
+EQUAL_SAMPLES, BETWEEN_S = 20, 0.02
+"""Number of equal samples that prove standstill, and the time between two, s.
+Without a pause, all samples could fall into one cycle of a busy controller."""
 
 
-def wait_until_it_stands(port: int) -> None:
-    """Look at joint 1 by the remote port, as the driver hears and says nothing."""
+def wait_until_at_rest(port: int) -> None:
+    """Poll joint 1 through the remote port, because the driver is stopped."""
     seen: list[str] = []
-    while len(seen) < LOOKS or len(set(seen[-LOOKS:])) > 1:
+    while len(seen) < EQUAL_SAMPLES or len(set(seen[-EQUAL_SAMPLES:])) > 1:
         time.sleep(BETWEEN_S)
         seen += asyncio.run(execute('127.0.0.1', port, ['Sim,print,Agl(1)'], PATIENCE))
 
@@ -48,7 +48,7 @@ def wait_until_it_stands(port: int) -> None:
 @pytest.mark.parametrize(
     'name', ['simulated', 'rc700a', pytest.param('spel', marks=pytest.mark.slow)]
 )
-def test_a_stopped_client_finds_the_arm_stopped_and_its_goal_aborted(
+def test_stalled_client_finds_the_arm_stopped_and_the_goal_aborted(
     make_cell: Any, tmp_path: Path, name: str
 ) -> None:
     profile = tmp_path / 'waits.yaml'
@@ -61,17 +61,17 @@ def test_a_stopped_client_finds_the_arm_stopped_and_its_goal_aborted(
     usual = os.sched_getscheduler(cell.client.process_id) == os.SCHED_OTHER
     assert usual == ('keeps its normal priority' in cell.client.log.read_text(encoding='utf-8'))
     peer.enable()
-    lasts = LASTS / 3 if name == 'spel' else LASTS  # a slower plan is refused
+    lasts = LASTS / 3 if name == 'spel' else LASTS  # a slower plan is rejected
     goal = peer.goal(trajectory((0.0, START), (lasts, [FAR, *START[1:]])))
     peer.wait_for_motion()
     cell.client.send(signal.SIGSTOP)
     try:
-        wait_until_it_stands(cell.ports.remote)
+        wait_until_at_rest(cell.ports.remote)
     finally:
         cell.client.send(signal.SIGCONT)
     ended, _, text = goal.result()
     assert ended == 'aborted'
-    assert any(each in text for each in ('heard nothing', 'hung for', 'error 8004')), text
+    assert any(cause in text for cause in ('heard nothing', 'hung for', 'error 8004')), text
     here = peer.assert_still().tolist()
     assert START[0] < here[0] < FAR / 2
     ended, _, text = peer.goal(trajectory((0.0, here), (1.0, START))).result()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A program with nothing but Python's standard library talks to the simulated controller."""
+"""A program that uses only Python's standard library as client of the simulated controller."""
 
 import json
 import subprocess
@@ -78,7 +78,7 @@ assert ask(motion, point(7, target)) == 2, 'wrong sequence'
 assert ask(motion, point(2, (9.0,) + target[1:])) == 2, 'outside the limits'
 assert ask(motion, point(2, (float('nan'),) + target[1:])) == 2, 'not a number'
 assert ask(motion, point(2, target)) == 1, 'the next good one'
-motion.sendall(point(3, target, header=(11, 1, 0)))  # a topic: it has no answer, and stops the arm
+motion.sendall(point(3, target, header=(11, 1, 0)))  # a topic has no reply, and stops the arm
 assert ask(motion, point(-4, ())) == 1, 'stop'
 second = connect(motion_port)
 assert second.recv(1) == b'', 'a second client is refused'
@@ -96,7 +96,7 @@ while True:
         joints = struct.unpack('<i10f', body)[1:7]
         assert all(abs(a - b) < 1e-6 for a, b in zip(joints, target)), joints
         break
-print('all as the protocol says')
+print('protocol verified')
 """
 
 
@@ -170,18 +170,18 @@ def run_peer(
     return run
 
 
-def test_standard_library_peer(tmp_path: Path) -> None:
+def test_standard_library_client_verifies_the_protocol(tmp_path: Path) -> None:
     controller = processes.sim_controller(tmp_path / 'controller.log', '--motion=ptp')
     with processes.ended_at_exit(controller):
-        assert 'all as the protocol says' in run_peer(COMMON + ONE_BY_ONE, controller).stdout
+        assert 'protocol verified' in run_peer(COMMON + ONE_BY_ONE, controller).stdout
 
 
 def distances(samples: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return how far each point is from the line through the samples, rad in the worst joint."""
-    begin, way = samples[:-1], np.diff(samples, axis=0)
-    length = np.maximum((way**2).sum(axis=1), 1e-30)
-    share = ((points[:, None, :] - begin) * way).sum(axis=2) / length
-    nearest = begin + np.clip(share, 0.0, 1.0)[:, :, None] * way
+    """Return each point's distance from the line through the samples, rad in the worst joint."""
+    start, step = samples[:-1], np.diff(samples, axis=0)
+    length = np.maximum((step**2).sum(axis=1), 1e-30)
+    fraction = ((points[:, None, :] - start) * step).sum(axis=2) / length
+    nearest = start + np.clip(fraction, 0.0, 1.0)[:, :, None] * step
     return np.abs(points[:, None, :] - nearest).max(axis=2).min(axis=1)
 
 
@@ -192,10 +192,10 @@ def distances(samples: np.ndarray, points: np.ndarray) -> np.ndarray:
         pytest.param('pick_and_place_20ms', True, marks=pytest.mark.slow),
     ],
 )
-def test_smooth_motion_as_a_standard_library_peer_sees_it(
+def test_standard_library_client_observes_a_smooth_motion(
     tmp_path: Path, name: str, rests: bool
 ) -> None:
-    """No time is judged closely here: the machine may be busy, and stamps are those of arrival."""
+    """Time bounds are wide, because samples are stamped on arrival on a busy machine."""
     limits = load_robot_model('c3_a601s').limits
     plan = read_trajectory(share_file('config', 'trajectories', f'{name}.yaml'))
     points = plan.positions.astype(np.float32).astype(float)
@@ -209,22 +209,22 @@ def test_smooth_motion_as_a_standard_library_peer_sees_it(
     _, late_plans, planner_failures, violations = seen['timing']
     assert planner_failures == 0
     assert violations == 0
-    # inside the limits, whatever the stamps say: what arrives late was measured at most this early
+    # within the limits: a late sample was measured at most this much earlier
     assert np.all(samples >= limits.position_min - 1e-6)
     assert np.all(samples <= limits.position_max + 1e-6)
     waited = np.diff(times) + 0.25
     assert np.all(np.abs(np.diff(samples, axis=0)) <= limits.velocity * waited[:, None])
-    # through all points, to the last one, and no further
+    # through all points, to the last one
     assert np.abs(samples[-1] - points[-1]).max() < 1e-6  # half a pulse of the encoders
     assert distances(samples, points).max() < 0.03
-    # without a stop on the way where none is planned, if the plans came in time
+    # without an unplanned stop, if the plans were in time
     moved = np.flatnonzero(np.abs(np.diff(samples, axis=0)).max(axis=1) > 1e-6)
     first, last = moved[0], moved[-1]
     margin = (last - first) // 8
     inner = samples[first + margin : last - margin]
     steps = np.linalg.norm(inner[10:] - inner[:-10], axis=1)  # in about 55 ms
     assert rests or late_plans or steps.min() > 0.1 * np.median(steps)
-    # in about the time that was commanded; the points are taken ahead, but not all at once
+    # in about the commanded time. Points are accepted ahead, but not all immediately.
     commanded = float(plan.times[-1])
     assert times[last] - times[first] < 1.5 * commanded + 1.0 + late_plans
     assert seen['acknowledged'] > commanded - 1.5

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`~/stop` is heard without Fast DDS' shared memory, in each discovery range."""
+"""`~/stop` works without Fast DDS' shared memory, in each discovery range."""
 
 import os
 import subprocess
@@ -19,13 +19,11 @@ ALONE = 'mount -t tmpfs none /dev/shm && ip link set lo up multicast on && exec 
 @pytest.mark.parametrize(
     'discovery', [pytest.param('LOCALHOST', marks=pytest.mark.quick), 'SUBNET']
 )
-def test_inv3_stop_is_heard_without_shared_memory(
-    how: str, discovery: str, tmp_path: Path
-) -> None:
+def test_inv3_stop_works_without_shared_memory(how: str, discovery: str, tmp_path: Path) -> None:
     tmp_path.chmod(0o777)
     probe = subprocess.run([*NAMESPACES, 'sh', '-c', ALONE, 'sh', 'true'], capture_output=True)
     if probe.returncode:
-        pytest.skip(f'a namespace of its own is not permitted: {probe.stderr.decode()}')
+        pytest.skip(f'private namespaces are not permitted: {probe.stderr.decode()}')
     program = [sys.executable, lost_shared_memory.__file__, str(tmp_path), how]
     user = subprocess.run(
         [*NAMESPACES, 'sh', '-c', ALONE, 'sh', *program],
@@ -35,6 +33,6 @@ def test_inv3_stop_is_heard_without_shared_memory(
         check=False,
     )
     assert user.returncode == 0, user.stderr
-    said = user.stdout.splitlines()
-    assert said[0].startswith('stop True the running motion ended: stopped on request')
-    assert said[1].startswith('ended')
+    lines = user.stdout.splitlines()
+    assert lines[0].startswith('stop True the running motion ended: stopped on request')
+    assert lines[1].startswith('ended')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The package where ROS users find it: built by colcon, and installed by pip."""
+"""The package built by colcon and installed by pip."""
 
 import os
 import re
@@ -29,8 +29,7 @@ UNDECLARED = (
     'toppra',
     'websockets',
 )
-"""Modules that some tests need and package.xml does not name: rosdep has no key for them, or for
-another thing."""
+"""Modules of some tests that package.xml does not name, because rosdep has no matching key."""
 
 OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
 
@@ -40,7 +39,7 @@ BIN = Path(sys.executable).parent
 def colcon(
     workspace: Path, *words: str, prefix: str = sys.prefix
 ) -> subprocess.CompletedProcess[str]:
-    """Run colcon in a workspace over the ROS packages of a prefix. It must succeed."""
+    """Run colcon in a workspace over the ROS packages of a prefix, and assert its success."""
     run = subprocess.run(
         [BIN / 'colcon', *words],
         cwd=workspace,
@@ -55,7 +54,7 @@ def colcon(
 
 
 def copied(workspace: Path) -> Path:
-    """Return a workspace with the package in it, as a clone of the repository has it."""
+    """Return a workspace with a clean copy of the repository."""
     shutil.copytree(
         ROOT,
         workspace / 'src' / 'epson_driver',
@@ -67,14 +66,14 @@ def copied(workspace: Path) -> Path:
 
 @pytest.fixture(scope='module')
 def colcon_install(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build a copy of the package with colcon over the pip environment; return its prefix."""
+    """Build the package with colcon over the pip environment, and return its prefix."""
     workspace = copied(tmp_path_factory.mktemp('workspace'))
     assert 'epson_driver needs' not in colcon(workspace, 'build').stderr
     return workspace / 'install' / 'epson_driver'
 
 
 def start(executable: Path, *arguments: str, workspace: Path | None = None) -> subprocess.Popen:
-    """Start an executable, after sourcing the workspace's setup file if there is one."""
+    """Start an executable, after sourcing the workspace's setup file if given."""
     environment = processes.ros_environment(processes.free_ros_domain())
     command = [str(executable), *arguments]
     if workspace is not None:
@@ -85,7 +84,7 @@ def start(executable: Path, *arguments: str, workspace: Path | None = None) -> s
 
 
 def check_executables(lib: Path, workspace: Path | None) -> None:
-    """Run the controller and the node, let them meet, and end both as Ctrl-C does."""
+    """Run controller and node until they connect, and end both by SIGINT."""
     free = [f'--{name}-port=0' for name in ('motion', 'state', 'io', 'remote')]
     controller = start(lib / 'sim_controller', *free, workspace=workspace)
     assert controller.stdout is not None
@@ -105,7 +104,7 @@ def check_executables(lib: Path, workspace: Path | None) -> None:
 
 
 @pytest.mark.slow
-def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
+def test_colcon_build_installs_a_ros_package(colcon_install: Path) -> None:
     share = colcon_install / 'share'
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
     assert (share / 'epson_driver' / 'package.xml').is_file()
@@ -115,10 +114,10 @@ def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
     for name in EXECUTABLES:
         assert os.access(lib / name, os.X_OK)
     check_executables(lib, colcon_install.parent)
-    check_executables(lib, None)  # also in a shell that has not sourced the workspace
+    check_executables(lib, None)  # also without sourcing the workspace
 
 
-def test_launch_files_work_where_colcon_installs_them(colcon_install: Path) -> None:
+def test_launch_files_work_in_the_colcon_install(colcon_install: Path) -> None:
     share = colcon_install / 'share' / 'epson_driver'
     (packages,) = colcon_install.glob('lib/python3*/site-packages')
     code = (
@@ -140,7 +139,7 @@ def test_launch_files_work_where_colcon_installs_them(colcon_install: Path) -> N
 
 
 def listed(*folders: Path) -> list[str]:
-    """Return the packages that colcon finds in folders, each after those that it needs."""
+    """Return the packages that colcon finds in folders, in topological order."""
     command: list[str | Path] = [
         BIN / 'colcon',
         'list',
@@ -152,7 +151,7 @@ def listed(*folders: Path) -> list[str]:
     return run.stdout.split()
 
 
-def test_colcon_finds_the_packages_that_the_readme_names() -> None:
+def test_colcon_finds_the_packages_of_the_readme() -> None:
     names = ['epson_msgs', 'industrial_msgs', 'epson_driver']
     assert listed(ROOT, ROOT / 'interfaces') == names
     variants = ['epson_driver_moveit', 'epson_driver_ros2_control', 'epson_driver_desktop']
@@ -173,8 +172,8 @@ def test_colcon_test_runs_pytest(colcon_install: Path) -> None:
 
 
 @pytest.mark.slow
-def test_tests_are_collected_where_only_the_declared_libraries_are() -> None:
-    """rosdep brings no Pinocchio, for one: tests that need it are skipped there."""
+def test_tests_are_collected_with_the_declared_libraries_only() -> None:
+    """rosdep installs no Pinocchio, for example, so tests that need it are skipped."""
     code = (
         'import sys, pytest\n'
         'class Missing:\n'
@@ -195,19 +194,19 @@ def test_tests_are_collected_where_only_the_declared_libraries_are() -> None:
 
 
 @pytest.mark.slow
-def test_a_plain_colcon_build_says_how_to_build_the_messages_as_well(tmp_path: Path) -> None:
+def test_plain_colcon_build_explains_how_to_build_the_messages(tmp_path: Path) -> None:
     workspace = copied(tmp_path)
     run = colcon(workspace, 'build', prefix='')
-    said = run.stdout + run.stderr
-    assert 'epson_driver needs control_msgs, tf2_msgs, epson_msgs, industrial_msgs: ' in said
-    assert 'control_msgs and tf2_msgs come with ROS 2' in said
+    output = run.stdout + run.stderr
+    assert 'epson_driver needs control_msgs, tf2_msgs, epson_msgs, industrial_msgs: ' in output
+    assert 'control_msgs and tf2_msgs come with ROS 2' in output
     source = workspace / 'src' / 'epson_driver'
-    assert f'colcon build --base-paths {source} {source / "interfaces"}' in said
+    assert f'colcon build --base-paths {source} {source / "interfaces"}' in output
 
 
 @pytest.fixture(scope='module')
 def rosdep_keys(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., set[str]]:
-    """Return a function that asks the real rosdep, without its database, what folders need."""
+    """Return a function that queries rosdep, without its database, for the keys of folders."""
     home = tmp_path_factory.mktemp('rosdep')
     (home / 'sources').mkdir()
     (home / 'keys.yaml').write_text('{}\n')
@@ -234,7 +233,7 @@ def rosdep_keys(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., set[s
     return lambda *folders: set(rosdep('keys', '--ignore-src', '--from-paths', *folders).split())
 
 
-def test_rosdep_brings_no_desktop_to_a_headless_machine(
+def test_rosdep_installs_no_desktop_on_a_headless_machine(
     rosdep_keys: Callable[..., set[str]],
 ) -> None:
     driver = rosdep_keys(ROOT, ROOT / 'interfaces')
@@ -247,7 +246,7 @@ def test_rosdep_brings_no_desktop_to_a_headless_machine(
     assert desktop >= moveit | {'rviz2', 'moveit_ros_visualization', 'joint_state_publisher_gui'}
 
 
-def test_pip_environment_is_found_by_ros_tools() -> None:
+def test_ros_tools_find_the_pip_environment() -> None:
     prefix = Path(sys.prefix)
     index = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver'
     assert index.is_file(), 'run the tests with `make test`, which installs the package'
@@ -255,7 +254,7 @@ def test_pip_environment_is_found_by_ros_tools() -> None:
     check_executables(prefix / 'lib' / 'epson_driver', None)
 
 
-def test_pip_puts_one_command_on_the_path() -> None:
+def test_pip_installs_one_command() -> None:
     bin_folder = Path(sys.executable).parent
     assert (bin_folder / 'epson_driver').is_file()
     for name in ('client', 'demo', 'sim_controller'):

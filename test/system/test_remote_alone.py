@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node with the profile `remote`: no program in the controller, real processes."""
+"""The node with the profile `remote`, without a program in the controller."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ def cell(make_cell: Any) -> Any:
 
 
 @pytest.mark.invariant(6)
-def test_moves_primitives_stop_and_what_cannot_be(cell: Any) -> None:
+def test_remote_profile_moves_stops_and_rejects_plans(cell: Any) -> None:
     peer = cell.peer
     there = [0.4, *START[1:]]
     ended, _, text = peer.goal(trajectory((0.0, START), (1.0, there))).result()
@@ -60,7 +60,7 @@ def test_moves_primitives_stop_and_what_cannot_be(cell: Any) -> None:
 
 
 @pytest.mark.invariant(4)
-def test_an_estop_ends_it_and_enable_alone_moves_nothing(cell: Any) -> None:
+def test_estop_ends_the_motion_and_enable_alone_moves_nothing(cell: Any) -> None:
     peer = cell.peer
     goal = peer.goal(trajectory((60.0, [1.5, *START[1:]])))
     peer.wait_for(lambda: peer.robot_status[-1].in_motion.val == 1, 'motion')

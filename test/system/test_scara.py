@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A SCARA, whose joint 3 is in metres, with the node and the controller as real processes."""
+"""A SCARA, whose joint 3 is in metres, with node and controller as processes."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ TARGET = [0.5, -0.4, -0.12, -1.0]
 
 
 @pytest.mark.parametrize('motion', ['smooth', pytest.param('ptp', marks=pytest.mark.slow)])
-def test_a_scara_moves_and_is_spoken_of_in_metres(make_cell: Any, motion: str) -> None:
+def test_scara_moves_and_errors_use_metres(make_cell: Any, motion: str) -> None:
     start = '--start=' + ','.join(map(str, START))
     cell = make_cell(f'--robot={ROBOT}', f'--motion={motion}', start, robot_model=ROBOT).ready()
     peer = cell.peer
@@ -30,8 +30,8 @@ def test_a_scara_moves_and_is_spoken_of_in_metres(make_cell: Any, motion: str) -
     out_of_range = trajectory((0.0, START), (2.0, [*START[:2], -0.2, START[3]]), names=NAMES)
     ended, _, text = peer.goal(out_of_range).result()
     assert ended == 'aborted'
-    said = 'point 1, joint_3: position -0.2 m is outside the limits -0.15 … 0 m'
-    assert said in text
+    expected = 'point 1, joint_3: position -0.2 m is outside the limits -0.15 … 0 m'
+    assert expected in text
 
     too_fast = trajectory((0.0, START), (0.05, TARGET), names=NAMES)
     ended, _, text = peer.goal(too_fast).result()
@@ -46,8 +46,8 @@ def test_a_scara_moves_and_is_spoken_of_in_metres(make_cell: Any, motion: str) -
         'joint_3: the trajectory starts at -0.1 m, the joint is at -0.05 m: 0.05 m apart' in text
     )
 
-    way = [[0.3, -0.1, -0.08, -0.3], TARGET]
-    plan = trajectory((0.0, START), (0.5, way[0]), (1.0, way[1]), names=NAMES)
+    middle = [0.3, -0.1, -0.08, -0.3]
+    plan = trajectory((0.0, START), (0.5, middle), (1.0, TARGET), names=NAMES)
     ended, _, text = peer.goal(plan).result()
     assert ended == 'succeeded', text
     np.testing.assert_allclose(peer.assert_still(5), TARGET, atol=1e-4)

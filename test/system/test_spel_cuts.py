@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The SPEL+ program on real processes: cuts, stops, slow readers, a second client, I/O."""
+"""The SPEL+ program in processes: cuts, stops, slow readers, a second client, I/O."""
 
 import socket
 import struct
@@ -27,7 +27,7 @@ PORTS = ('', 'port=motion', 'port=state')
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One cell whose controller runs the SPEL+ program, and a gripper on its outputs."""
+    """One cell with the SPEL+ program and a gripper."""
     one = cell_with(tmp_path_factory.mktemp('cell'), 'spel', io_timeout=1.0, **GRIPPER)
     try:
         yield one.ready()
@@ -35,8 +35,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
         one.close()
 
 
-def goes_far(cell: Cell) -> Any:
-    """Return a goal of a minute that has begun to move the arm."""
+def started_motion(cell: Cell) -> Any:
+    """Start a goal of a minute, and return it once the arm moves."""
     peer = cell.peer
     here = peer.position()
     target = FAR if here[0] < 0.75 else [-FAR[0], *FAR[1:]]
@@ -46,7 +46,7 @@ def goes_far(cell: Cell) -> Any:
 
 
 def enabled(cell: Cell) -> None:
-    """Enable the arm as a person does after a cut: again until both links are back."""
+    """Enable the arm, and retry until both links are connected after a cut."""
     until = time.monotonic() + PATIENCE
     while not (answer := cell.peer.call('enable'))[0]:
         assert time.monotonic() < until, answer
@@ -55,13 +55,13 @@ def enabled(cell: Cell) -> None:
 
 @TIMES
 @pytest.mark.invariant(3, 4)
-def test_inv4_after_a_cut_nothing_moves_until_enable(cell: Cell, times: int) -> None:
+def test_inv4_nothing_moves_after_a_cut_until_enable(cell: Cell, times: int) -> None:
     random = np.random.default_rng(1)
     enabled(cell)
     for cut in range(times):
-        goal = goes_far(cell)
+        goal = started_motion(cell)
         time.sleep(random.uniform(0.0, 0.5))
-        words = (each for each in (PORTS[cut % 3], f'for={random.uniform(0.1, 1.0):.2f}') if each)
+        words = filter(None, (PORTS[cut % 3], f'for={random.uniform(0.1, 1.0):.2f}'))
         cell.pendant('fault', 'cut', *words)
         ended, _, text = goal.result()
         assert ended == 'aborted', text
@@ -76,11 +76,11 @@ def test_inv4_after_a_cut_nothing_moves_until_enable(cell: Cell, times: int) -> 
 
 @TIMES
 @pytest.mark.invariant(4)
-def test_inv4_a_stop_holds_and_the_next_goal_goes_on(cell: Cell, times: int) -> None:
+def test_inv4_arm_rests_after_stop_and_the_next_goal_succeeds(cell: Cell, times: int) -> None:
     random = np.random.default_rng(2)
     enabled(cell)
     for _ in range(times):
-        goal = goes_far(cell)
+        goal = started_motion(cell)
         time.sleep(random.uniform(0.0, 0.5))
         success, text = cell.peer.call('stop')
         assert success, text
@@ -89,8 +89,8 @@ def test_inv4_a_stop_holds_and_the_next_goal_goes_on(cell: Cell, times: int) -> 
     assert cell.peer.goal(trajectory((3.0, START))).result()[0] == 'succeeded'
 
 
-def greedy(port: int) -> socket.socket:
-    """Return a connection of somebody who reads nothing, with next to no room for what comes."""
+def unread(port: int) -> socket.socket:
+    """Return a connection that is never read, with a minimal receive buffer."""
     connection = socket.socket()
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
     connection.settimeout(PATIENCE)
@@ -98,10 +98,10 @@ def greedy(port: int) -> socket.socket:
     return connection
 
 
-def test_six_clients_that_read_nothing_keep_nobody_out_and_stop_nothing(cell: Cell) -> None:
+def test_unread_connections_do_not_block_the_driver(cell: Cell) -> None:
     enabled(cell)
     ports = cell.ports
-    slow = [greedy(port) for port in (ports.state, ports.motion, ports.io) for _ in range(2)]
+    slow = [unread(port) for port in (ports.state, ports.motion, ports.io) for _ in range(2)]
     try:
         ended, _, text = cell.peer.goal(trajectory((3.0, FAR))).result()
         assert ended == 'succeeded', text
@@ -112,10 +112,10 @@ def test_six_clients_that_read_nothing_keep_nobody_out_and_stop_nothing(cell: Ce
     cell.peer.assert_still()
 
 
-def test_a_second_motion_client_is_not_heard(cell: Cell) -> None:
+def test_second_motion_client_is_ignored(cell: Cell) -> None:
     enabled(cell)
     point = struct.pack('<4i i 10f 2f', 64, 11, 2, 0, 0, 0.5, *[0.0] * 9, 1.0, 1.0)
-    with closing(greedy(cell.ports.motion)) as second:
+    with closing(unread(cell.ports.motion)) as second:
         second.setblocking(False)
         there = cell.peer.position()
         for _ in range(30):
@@ -130,8 +130,8 @@ def test_a_second_motion_client_is_not_heard(cell: Cell) -> None:
         assert ended == 'succeeded', text
 
 
-def test_io_and_gripper_answer_every_call_while_the_cable_is_cut(cell: Cell) -> None:
-    """A write that failed may have been done: what is read afterwards tells."""
+def test_io_and_gripper_answer_every_call_during_cuts(cell: Cell) -> None:
+    """A failed write may have taken effect, so the output is read back at the end."""
     random = np.random.default_rng(3)
     peer = IoPeer(cell.domain)
     over = threading.Event()
@@ -141,12 +141,12 @@ def test_io_and_gripper_answer_every_call_while_the_cable_is_cut(cell: Cell) -> 
             cell.pendant('fault', 'cut', f'for={random.uniform(0.1, 0.4):.2f}')
 
     gripper = Gripper(cell)
-    saboteur = threading.Thread(target=cut)
-    saboteur.start()
+    cutter = threading.Thread(target=cut)
+    cutter.start()
     try:
         done = failed = call = 0
         until = time.monotonic() + PATIENCE
-        while min(done, failed) < CALLS:  # a cut takes hundreds of answers
+        while min(done, failed) < CALLS:  # one cut fails hundreds of calls
             assert time.monotonic() < until, (done, failed)
             call += 1
             read, written = peer.read((DI, 3)), peer.write((DO, 0, call % 2))
@@ -159,7 +159,7 @@ def test_io_and_gripper_answer_every_call_while_the_cable_is_cut(cell: Cell) -> 
                 gripper.result(handle)
     finally:
         over.set()
-        saboteur.join()
+        cutter.join()
     try:
         peer.wait_until_valid()
         until = time.monotonic() + PATIENCE

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`joint_states` when the controller's state comes in bursts, or is read late."""
+"""`joint_states` if the controller's state arrives in bursts or is read late."""
 
 import os
 import signal
@@ -13,16 +13,16 @@ from support.cell import START, Cell
 from support.ros_peer import trajectory
 
 PERIOD = 0.005
-"""Of the controller's state, s: ten joints, and a STATUS in the eleventh slot."""
+"""Period of the controller's state, s: ten joint messages, then a STATUS."""
 
 STRETCH = 20
-"""Samples, many more than the velocity is the mean of."""
+"""Number of samples of a stretch, many more than the velocity filter uses."""
 
 SPEED = 0.64
-"""Of joint 1 in the middle of the motion, rad/s: 1.6 rad in 2.5 s."""
+"""Speed of joint 1 during the motion, rad/s: 1.6 rad in 2.5 s."""
 
 FASTEST = 1.5 * 7.85
-"""rad/s, of joint 1 with its margin."""
+"""Velocity limit of joint 1 with a margin, rad/s."""
 
 AWAY = [1.6, *START[1:]]
 
@@ -35,14 +35,14 @@ AWAY = [1.6, *START[1:]]
         pytest.param('coalesce 0.2 port=state', marks=pytest.mark.slow),
     ],
 )
-def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_clock(
+def test_inv8_velocities_are_derivatives_on_the_controller_s_clock(
     make_cell: Any, fault: str
 ) -> None:
-    """docs/invariants.md, 8. In a motion of one speed positions tell the controller's time.
+    """During a motion of constant speed, positions show the controller's time.
 
-    What counts is where the controller kept its period: on a busy machine it may not, and neither
-    controller nor driver has a clock while it is not scheduled. So the arm moves until one motion
-    was measured as it is; without the estimate of the controller's clock none ever is.
+    Only stretches count in which the controller kept its period, which a busy machine prevents.
+    The motion is repeated until one is accurate. Without an estimate of the controller's clock,
+    none ever is.
     """
     cell: Cell = make_cell(
         f'--state-period={PERIOD}', '--motion=smooth', state_timeout=10.0
@@ -51,14 +51,14 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
     cell.pendant('fault', *fault.split())
     judged: list[tuple[int, float, float]] = []
     for _ in range(10):
-        cell.peer.enable()  # a machine that is too busy may have stopped the arm
+        cell.peer.enable()  # a busy machine may have stopped the arm
         here = cell.peer.assert_still().tolist()
         there = AWAY if here[0] < 0.8 else START
         seen = len(cell.peer.joint_states)
         cell.peer.goal(trajectory((0.0, here), (2.5, there))).result()
-        came = cell.peer.joint_states[seen:]
-        positions = np.array([state.position[0] for state in came])
-        velocities = np.array([state.velocity[0] for state in came])
+        received = cell.peer.joint_states[seen:]
+        positions = np.array([state.position[0] for state in received])
+        velocities = np.array([state.velocity[0] for state in received])
         errors = _errors(positions, velocities)
         if len(errors) >= 50:
             judged.append((len(errors), *np.quantile(errors, (0.5, 0.9)).tolist()))
@@ -69,45 +69,48 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
             break
     else:
         pytest.fail(f'samples, median and 90 % of the errors of each motion: {judged}')
-    stamps = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in came]
+    stamps = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in received]
     spans = np.diff(stamps)
     assert np.all(spans > 0.0)
-    assert np.median(spans) == pytest.approx(PERIOD, rel=0.1)  # though they came all at once
+    assert np.median(spans) == pytest.approx(PERIOD, rel=0.1)  # although they arrived in bursts
 
 
 def _errors(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    """Return how far velocities are from the speed of the motion, relative, where it is constant.
+    """Return the relative errors of velocities in stretches of constant speed.
 
-    Between two joints there is one slot, or two if a STATUS came between: more or less, as the
-    simulation's loop runs. Where a window has as much time as it has slots, to 1 %, the velocity
-    must be right; all of it within a longer stretch without a pause.
+    Two joint messages are one slot apart, or two if a STATUS is between them, with the jitter of
+    the simulation's loop. A velocity is checked if its window lasts as long as its slots, to 1 %,
+    within a longer stretch without a pause.
     """
-    way = np.abs(positions - positions[0])
-    steps = np.diff(way) / (SPEED * PERIOD)
+    distance = np.abs(positions - positions[0])
+    steps = np.diff(distance) / (SPEED * PERIOD)
     slots = np.where(steps < 1.6, 1, 2)
-    kept = np.abs(steps - slots) < 0.6
+    regular = np.abs(steps - slots) < 0.6
     errors = []
     for end in range(STRETCH, len(positions)):
         stretch = slice(end - STRETCH, end)
-        if not kept[stretch].all() or abs(steps[stretch].sum() / slots[stretch].sum() - 1) > 0.01:
+        if (
+            not regular[stretch].all()
+            or abs(steps[stretch].sum() / slots[stretch].sum() - 1) > 0.01
+        ):
             continue
-        spans = [8 - (slots[end - 8 : end][::-1].cumsum() <= most).sum() for most in (7, 8)]
+        spans = [8 - (slots[end - 8 : end][::-1].cumsum() <= limit).sum() for limit in (7, 8)]
         windows = [slice(end - 8 + span, end) for span in spans]
-        if all(abs(steps[each].sum() / slots[each].sum() - 1) < 0.01 for each in windows):
+        if all(abs(steps[w].sum() / slots[w].sum() - 1) < 0.01 for w in windows):
             errors.append(abs(abs(velocities[end]) / SPEED - 1.0))
     return np.array(errors)
 
 
 @pytest.mark.invariant(6)
-def test_a_node_that_stood_still_for_seconds_goes_on(make_cell: Any) -> None:
-    """Invariant 6: it takes nothing old for new, and its own absence not for the controller's."""
+def test_node_resumes_after_a_stall_of_seconds(make_cell: Any) -> None:
+    """Invariant 6: no stale state is published as new, and the link is not considered lost."""
     cell: Cell = make_cell(state_timeout=3.0).ready()
     cell.peer.enable()
     connected = list(cell.peer.link_states)
     seen = len(cell.peer.joint_states)
     os.kill(cell.client.process_id, signal.SIGSTOP)
     try:
-        time.sleep(4.0)  # longer than its time-out, which is what is tested
+        time.sleep(4.0)  # longer than the state time-out
     finally:
         os.kill(cell.client.process_id, signal.SIGCONT)
     ended, _, text = cell.peer.goal(trajectory((0.0, START), (1.0, AWAY))).result()

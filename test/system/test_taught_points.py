@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`~/taught_points` of the real node: list, teach, go, forget, the file, and tf."""
+"""`~/taught_points` of the real node: list, teach, go, forget, file, and tf."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,7 +30,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory, file: Path) -> Iterator[Cell]:
-    """One enabled cell that keeps its points in a file, which is not there yet."""
+    """One enabled cell with a points file that does not exist yet."""
     one = Cell(
         tmp_path_factory.mktemp('cell'),
         '--motion=smooth',
@@ -45,8 +45,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory, file: Path) -> Iterator[Cell]
         one.close()
 
 
-def begun(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Iterator[Any]:
-    """Ask, and return what waits for the answer."""
+def call_in_steps(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Iterator[Any]:
+    """Send a request, and yield first None and then the reply."""
     request = TaughtPoints.Request(action=action, name=name, speed=speed)
     with cell.peer.client(TaughtPoints, 'epson_driver/taught_points') as client:
         future = cell.peer.in_executor(lambda: client.call_async(request))
@@ -55,7 +55,7 @@ def begun(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Iterat
 
 
 def ask(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Any:
-    _, answer = begun(cell, action, name, speed)
+    _, answer = call_in_steps(cell, action, name, speed)
     return answer
 
 
@@ -65,22 +65,24 @@ def move_to(cell: Cell, joints: list[float]) -> None:
 
 
 def frames(cell: Cell, wanted: str) -> dict[str, Any]:
-    """Return what who comes late hears of the points on `/tf_static`."""
-    heard: list[TFMessage] = []
+    """Return the frames that a late subscriber of `/tf_static` receives."""
+    received: list[TFMessage] = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     subscription = cell.peer.in_executor(
-        lambda: cell.peer.node.create_subscription(TFMessage, '/tf_static', heard.append, latched)
+        lambda: cell.peer.node.create_subscription(
+            TFMessage, '/tf_static', received.append, latched
+        )
     )
     try:
         cell.peer.wait_for(
-            lambda: any(wanted in str(message) for message in heard), f'{wanted} on /tf_static'
+            lambda: any(wanted in str(message) for message in received), f'{wanted} on /tf_static'
         )
     finally:
         cell.peer.in_executor(lambda: cell.peer.node.destroy_subscription(subscription))
-    return {each.child_frame_id: each for message in heard for each in message.transforms}
+    return {frame.child_frame_id: frame for message in received for frame in message.transforms}
 
 
-def test_a_point_is_taught_kept_shown_and_gone_to(cell: Cell, file: Path) -> None:
+def test_point_is_taught_saved_published_and_reached(cell: Cell, file: Path) -> None:
     assert ask(cell, LIST).message == f'0 points of {file}'
     move_to(cell, READY)
     taught = ask(cell, TEACH, 'pick')
@@ -103,18 +105,18 @@ def test_a_point_is_taught_kept_shown_and_gone_to(cell: Cell, file: Path) -> Non
 
 
 @pytest.mark.invariant(3, 4)
-def test_stop_ends_the_way_to_a_point_and_nothing_goes_on(cell: Cell) -> None:
+def test_stop_ends_the_move_to_a_point(cell: Cell) -> None:
     move_to(cell, READY)
     assert ask(cell, TEACH, 'home').success
     move_to(cell, FAR)
-    going = begun(cell, GO, 'home', speed=0.01)
-    next(going)
+    move = call_in_steps(cell, GO, 'home', speed=0.01)
+    next(move)
     cell.peer.wait_for_motion()
     busy = ask(cell, GO, 'home')
     assert not busy.success
     assert 'another motion runs or waits' in busy.message
     assert cell.peer.call('stop')[0]
-    answer = next(going)
+    answer = next(move)
     assert not answer.success
     assert 'stop' in answer.message
     still = cell.peer.assert_still()
@@ -122,7 +124,7 @@ def test_stop_ends_the_way_to_a_point_and_nothing_goes_on(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize(
-    ('action', 'name', 'speed', 'said'),
+    ('action', 'name', 'speed', 'expected'),
     [
         (GO, 'nowhere', 0.0, 'nowhere: the points are'),
         (FORGET, 'nowhere', 0.0, 'nowhere: the points are'),
@@ -134,17 +136,17 @@ def test_stop_ends_the_way_to_a_point_and_nothing_goes_on(cell: Cell) -> None:
         (9, 'pick', 0.0, 'action = 9: must be LIST (0)'),
     ],
 )
-def test_what_cannot_be_is_one_sentence_and_nothing_moves(
-    cell: Cell, action: int, name: str, speed: float, said: str
+def test_invalid_request_is_rejected_and_nothing_moves(
+    cell: Cell, action: int, name: str, speed: float, expected: str
 ) -> None:
     before = cell.peer.assert_still()
     answer = ask(cell, action, name, speed)
     assert not answer.success
-    assert said in answer.message
+    assert expected in answer.message
     assert cell.peer.assert_still() == pytest.approx(before, abs=1e-4)
 
 
-def test_no_tool_gets_the_frame_of_a_point_nor_a_point_that_of_the_tool(cell: Cell) -> None:
+def test_tool_and_point_frames_must_not_share_a_name(cell: Cell) -> None:
     assert ask(cell, TEACH, 'shelf').success
     with cell.peer.client(SetTool, 'epson_driver/set_tool') as client:
 
@@ -162,9 +164,7 @@ def test_no_tool_gets_the_frame_of_a_point_nor_a_point_that_of_the_tool(cell: Ce
     assert ask(cell, FORGET, 'shelf').success
 
 
-def test_a_point_is_forgotten_and_the_others_come_back_with_the_node(
-    cell: Cell, file: Path
-) -> None:
+def test_forgotten_point_is_removed_and_the_rest_survive_a_restart(cell: Cell, file: Path) -> None:
     assert ask(cell, TEACH, 'extra').success
     gone = ask(cell, FORGET, 'extra')
     assert gone.success

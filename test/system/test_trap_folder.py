@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every executable in a folder full of modules that nobody should import: none of them is."""
+"""No executable imports modules of the current folder, which is full of traps."""
 
 import signal
 import subprocess
@@ -31,14 +31,14 @@ with Robot.simulated() as robot:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Iterator[Path]:
-    """A folder of traps, none of which may be sprung."""
+    """A folder of modules that record their import, which must not happen."""
     made = trap_folder(tmp_path)
     yield made
     assert sprung(made) == ''
 
 
 def started(folder: Path, name: str, *arguments: str) -> subprocess.Popen[str]:
-    """Start what `ros2 run` starts, or another program."""
+    """Start an executable of `ros2 run`, or another program."""
     return subprocess.Popen(
         [str(LAUNCHERS / name), *arguments],
         cwd=folder,
@@ -55,18 +55,18 @@ def ended(process: subprocess.Popen[str], *codes: int) -> str:
     return output
 
 
-def test_the_traps_work(tmp_path: Path) -> None:
+def test_traps_record_an_import(tmp_path: Path) -> None:
     made = trap_folder(tmp_path)
     ended(started(made, sys.executable, '-m', 'epson_driver.cli', '--help'), 1)
     assert sprung(made)
 
 
 @pytest.mark.parametrize('name', one_in(4, EXECUTABLES))
-def test_every_executable_says_its_usage(folder: Path, name: str) -> None:
+def test_executable_prints_its_usage(folder: Path, name: str) -> None:
     assert ended(started(folder, name, '--help')).startswith(f'usage: epson_driver {name} ')
 
 
-def test_the_simulated_controller_starts_with_its_planner(folder: Path) -> None:
+def test_simulated_controller_starts_with_its_planner(folder: Path) -> None:
     process = started(folder, 'sim_controller', *FREE)
     assert process.stdout is not None
     assert process.stdout.readline().startswith('listening ')
@@ -74,7 +74,7 @@ def test_the_simulated_controller_starts_with_its_planner(folder: Path) -> None:
     ended(process)
 
 
-def test_a_program_moves_a_simulated_robot_with_a_motion_that_was_prepared(folder: Path) -> None:
+def test_program_moves_a_simulated_robot(folder: Path) -> None:
     ended(started(folder, sys.executable, '-P', '-c', MOVE))
 
 
@@ -89,12 +89,12 @@ def test_a_program_moves_a_simulated_robot_with_a_motion_that_was_prepared(folde
     ],
     ids=lambda words: words[0],
 )
-def test_what_starts_processes_starts_them(folder: Path, words: list[str]) -> None:
+def test_tools_that_start_processes_work(folder: Path, words: list[str]) -> None:
     ended(started(folder, *words), 0, TOO_BUSY)
 
 
 @pytest.mark.slow
-def test_the_panel_starts_beside_the_simulated_controller(folder: Path) -> None:
+def test_panel_starts_with_the_simulated_controller(folder: Path) -> None:
     pytest.importorskip('websockets')
     process = started(folder, 'sim_controller', *FREE, '--panel')
     assert process.stdout is not None

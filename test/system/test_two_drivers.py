@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two drivers of one name in one ROS domain: neither moves its arm."""
+"""Two drivers with the same name in one ROS domain do not move their arms."""
 
 import time
 from collections.abc import Callable
@@ -19,7 +19,7 @@ Answers = set[tuple[bool, str]]
 
 
 def enable_until(peer: RosPeer, good: Callable[[Answers], bool]) -> Answers:
-    """Call `~/enable` until the answers are as expected, and return them."""
+    """Call `~/enable` until the replies satisfy `good`, and return them."""
     answers: Answers = set()
     until = time.monotonic() + PATIENCE
     while not good(answers):
@@ -34,7 +34,7 @@ def is_enabled(answers: Answers) -> bool:
 
 @pytest.mark.quick
 @pytest.mark.invariant(10)
-def test_inv10_a_second_driver_of_a_name_stops_both_and_disturbs_no_other(tmp_path: Path) -> None:
+def test_inv10_second_driver_of_a_name_stops_both_and_no_other(tmp_path: Path) -> None:
     fleet = Fleet(tmp_path, together=False, names=('left', 'right')).enabled()
     left, right = fleet.peers.values()
     far = [1.0, *[0.0] * 5]
@@ -54,9 +54,9 @@ def test_inv10_a_second_driver_of_a_name_stops_both_and_disturbs_no_other(tmp_pa
         ended, _, text = aborted.result()
         assert ended == 'aborted'
         assert 'a second driver has its names: ' in text
-        pids = [f'process {each.process_id % 2**16} ' for each in both]
+        pids = [f'process {process.process_id % 2**16} ' for process in both]
         answers = enable_until(
-            left, lambda given: all(any(pid in text for _, text in given) for pid in pids)
+            left, lambda replies: all(any(pid in text for _, text in replies) for pid in pids)
         )
         assert not is_enabled(answers)
         for process in both:
@@ -79,7 +79,7 @@ def test_inv10_a_second_driver_of_a_name_stops_both_and_disturbs_no_other(tmp_pa
         other.end()
 
 
-def test_a_driver_that_was_killed_forbids_the_next_one_no_longer_than_its_lease(
+def test_killed_driver_blocks_its_successor_only_for_its_lease(
     make_cell: Any,
 ) -> None:
     cell = make_cell().ready()
