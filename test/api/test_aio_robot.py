@@ -120,7 +120,7 @@ def test_stale_joints_raise_until_catch_up():
 
 
 @pytest.mark.invariant(6)
-def test_measured_reads_fresh_joints_after_a_stall_and_not_of_a_silent_controller():
+def test_measured_reads_fresh_joints_after_a_stall_or_raises():
     """The stall may also fall between catching up and reading."""
 
     async def scenario():

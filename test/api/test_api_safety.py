@@ -295,7 +295,7 @@ def test_killed_program_leaves_the_arm_at_rest(ports):
 
 @pytest.mark.slow
 @pytest.mark.invariant(5)
-def test_of_two_threads_that_move_one_is_rejected(ports):
+def test_one_of_two_moving_threads_is_rejected(ports):
     results = []
 
     def move(robot, target):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """variants/lerobot_robot_epson in virtual time, with stand-ins for lerobot.
 
-Virtual time makes the stopping times independent of the machine. The variant's own tests run the
+Virtual time makes the stopping times independent of the machine. The variant's tests use the
 genuine lerobot.
 """
 

@@ -182,7 +182,7 @@ async def test_continued_stream_is_rejected_after_a_stop_until_released(how):
 
 
 @pytest.mark.invariant(4)
-async def test_stream_before_enable_is_rejected_and_moves_nothing_afterwards():
+async def test_stream_before_enable_is_rejected_and_never_moves():
     async with robot_cell(enabled=False, smooth=True) as (robot, _):
         for number in range(30):
             with pytest.raises(MotionError, match=r'not enabled .*call enable\(\)'):
