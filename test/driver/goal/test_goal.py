@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a goal is rejected for, and what a violated tolerance says."""
+"""Reasons for rejecting a goal, and the texts of violated tolerances."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -64,7 +64,7 @@ def rejection(call, code=ErrorCode.INVALID_GOAL):
 
 @pytest.mark.parametrize('bad', [float('nan'), float('inf'), float('-inf')])
 @pytest.mark.parametrize('field', ['positions', 'velocities', 'accelerations'])
-def test_numbers_that_are_not_finite(field, bad):
+def test_non_finite_number_is_rejected_with_its_place(field, bad):
     points = [point(t, (0, 0, 0), (0, 0, 0), (0, 0, 0)) for t in range(3)]
     getattr(points[1], field)[2] = bad
     text = rejection(lambda: checked(*points))
@@ -79,29 +79,29 @@ def test_numbers_that_are_not_finite(field, bad):
     ('times', 'index'),
     [((0, 0, 1), 1), ((0, 1, 1), 2), ((0, 2, 1), 2), ((1, 0.5, 2), 1)],
 )
-def test_times_must_increase(times, index):
+def test_times_that_do_not_increase_are_rejected(times, index):
     text = rejection(lambda: checked(*(point(t, (0, 0, 0)) for t in times)))
     assert f'point {index}: time_from_start' in text
     assert 'strictly increase' in text
 
 
-def test_times_that_increase_by_a_nanosecond_are_told_apart():
+def test_times_one_nanosecond_apart_are_accepted():
     checked(point(0, (0, 0, 0)), point(1, (0, 0, 0)), point(1 + 1e-9, (0, 0, 0)))
 
 
-def test_a_negative_time():
+def test_negative_time_is_rejected():
     before = point(-1, (0, 0, 0))
     assert 'point 0: time_from_start = -1 s is negative' in rejection(lambda: checked(before))
 
 
-def test_a_position_beyond_its_limit_names_joint_value_and_limit():
+def test_position_beyond_limit_is_rejected_with_joint_value_and_limit():
     text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0.5, -2.1, 0))))
     assert 'point 1, b' in text
     assert '-2.1' in text
     assert '-2 … 2' in text
 
 
-def test_a_velocity_beyond_its_limit_names_joint_value_and_limit():
+def test_velocity_beyond_limit_is_rejected_with_joint_value_and_limit():
     points = [point(0, (0, 0, 0), (0, 0, 0)), point(9, (0, 0, 0.1), (0, 0, -3.2))]
     text = rejection(lambda: checked(*points, may_end_moving=True))
     assert 'point 1, c' in text
@@ -109,23 +109,23 @@ def test_a_velocity_beyond_its_limit_names_joint_value_and_limit():
     assert '-3 … 3' in text
 
 
-def test_a_step_that_needs_more_than_the_velocity_limit():
+def test_step_faster_than_velocity_limit_is_rejected():
     text = rejection(lambda: checked(point(0, (0, 0, 0)), point(0.1, (0.5, 0, 0))))
     assert 'points 0 to 1, a' in text
     assert '5 rad/s would be needed' in text
     assert 'limit is 1 rad/s' in text
 
 
-def test_exactly_at_the_limits_is_fine():
+def test_positions_and_velocities_at_the_limits_are_accepted():
     checked(point(0, (0, 0, 0)), point(1, (1, 2, 3)), point(3, (-1, -2, -3)))
 
 
-def test_one_bad_number_in_one_goal_names_one_thing():
+def test_single_violation_is_reported_alone():
     text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0, 2.5, 0))))
     assert ';' not in text
 
 
-def test_many_violations_are_listed_then_counted():
+def test_first_violations_are_listed_and_others_counted():
     points = [point(9 * t, (0, 5, 0)) for t in range(20)]
     text = rejection(lambda: checked(*points))
     assert text.count('point ') == MAX_MENTIONED_PROBLEMS
@@ -134,7 +134,7 @@ def test_many_violations_are_listed_then_counted():
     assert 'more' not in rejection(lambda: checked(*exactly))
 
 
-def test_the_last_velocity_must_be_zero_unless_allowed():
+def test_end_velocity_is_rejected_unless_allowed():
     points = [point(0, (0, 0, 0), (0, 0, 0)), point(1, (0.1, 0, 0), (0, 0.2, 0))]
     with pytest.raises(GoalRejectedError, match=r'point 1, b: .*0\.2 rad/s') as caught:
         checked(*points)
@@ -149,11 +149,11 @@ def starting(time, positions):
     return trajectory_of(point(time, positions))
 
 
-def test_a_start_within_tolerance():
+def test_start_within_tolerance_is_accepted():
     check_start(starting(0, (0.02, -0.02, 0)), np.zeros(3), LIMITS, 0.02)
 
 
-def test_a_start_elsewhere_names_joint_places_and_tolerance():
+def test_start_beyond_tolerance_is_rejected_with_joint_and_positions():
     trajectory = starting(0, (0.0, 0.5, 0.0))
     text = rejection(lambda: check_start(trajectory, np.array([0.0, 0.1, 0.0]), LIMITS, 0.02))
     assert text.startswith('b: ')
@@ -164,7 +164,7 @@ def test_a_start_elsewhere_names_joint_places_and_tolerance():
     assert 'a:' not in text
 
 
-def test_a_later_first_point_must_be_reachable_in_its_time():
+def test_later_first_point_is_rejected_if_unreachable_in_its_time():
     check_start(starting(0.5, (0.5, 1.0, 1.5)), np.zeros(3), LIMITS, 0.02)
     trajectory = starting(0.5, (0.6, 0.0, 0.0))
     text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
@@ -182,7 +182,7 @@ def test_a_later_first_point_must_be_reachable_in_its_time():
         ((0.0, 0.0, 9000.0), False),  # too much as degrees, too
     ],
 )
-def test_angles_in_degrees_are_one_sentence(angles, seen):
+def test_angles_in_degrees_are_reported_once(angles, seen):
     with pytest.raises(GoalRejectedError) as caught:
         checked(point(0, (0, 0, 0)), point(90, angles), point(180, angles))
     text = str(caught.value)
@@ -196,7 +196,7 @@ def test_angles_in_degrees_are_one_sentence(angles, seen):
 
 
 @pytest.mark.invariant(2)
-def test_angles_beyond_a_turn_that_the_limits_allow_are_no_degrees():
+def test_angles_beyond_a_turn_are_accepted_within_limits():
     wide = replace(LIMITS, position_min=np.full(3, -40.0), position_max=np.full(3, 40.0))
     trajectory = Trajectory(
         LIMITS.names, np.array([0.0, 100.0]), np.array([[0.0, 0.0, 0.0], [7.0, 0.0, -30.0]])
@@ -204,7 +204,7 @@ def test_angles_beyond_a_turn_that_the_limits_allow_are_no_degrees():
     check_limits(trajectory, wide)
 
 
-def test_a_violation_names_joint_error_and_limit_of_the_worst():
+def test_tolerance_violation_names_worst_joint_error_and_limit():
     limits = Tolerances(np.array([0.1, 0.1, np.inf]), np.array([np.inf, 1.0, np.inf]))
     still = np.zeros(3)
     assert limits.checked
@@ -215,6 +215,6 @@ def test_a_violation_names_joint_error_and_limit_of_the_worst():
     assert text == 'b: the velocity error is 1.5 rad/s, the tolerance is 1 rad/s'
 
 
-def test_nothing_is_checked_where_nothing_is_limited():
+def test_infinite_tolerances_are_not_checked():
     unlimited = np.full(3, np.inf)
     assert not Tolerances(unlimited, unlimited).checked

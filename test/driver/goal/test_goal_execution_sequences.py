@@ -85,7 +85,7 @@ def split(messages, separator):
 
 @settings(max_examples=examples(300))
 @given(st.sampled_from((LINE, CYCLE)), st.booleans(), HAPPENINGS)
-def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, happenings):
+def test_inv5_any_sequence_ends_goal_once_with_matching_outcome(path, start, happenings):
     """docs/invariants.md, 5."""
     harness = Harness(path, settings=GoalSettings(reply_timeout=3.0), goal_time=20.0, start=start)
     for what, value in happenings:
@@ -111,7 +111,7 @@ def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, 
 
 @settings(max_examples=examples(100))
 @given(HAPPENINGS)
-def test_inv5_success_is_never_reported_beside_the_goal(happenings):
+def test_inv5_success_is_reported_only_at_the_goal(happenings):
     """docs/invariants.md, 5."""
     harness = Harness(settings=GoalSettings(reply_timeout=3.0))
     for what, value in happenings:
@@ -123,8 +123,8 @@ def test_inv5_success_is_never_reported_beside_the_goal(happenings):
         assert len([message for message in harness.sent if message != STOP]) >= len(LINE) - 1
 
 
-def test_inv5_every_goal_ends_while_states_come():
-    """docs/invariants.md, 5: whatever the controller leaves out, patience runs out."""
+def test_inv5_every_goal_ends_while_states_arrive():
+    """docs/invariants.md, 5: a timeout ends the goal, whatever the controller omits."""
     for replies in range(len(LINE) + 1):
         for how in (None, 'cancel', 'stop'):
             harness = Harness(settings=GoalSettings(reply_timeout=3.0))

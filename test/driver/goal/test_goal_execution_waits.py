@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that wait: for a reply, for the standstill, or for what the queue checks."""
+"""Path tolerances, pauses, speed scaling and scheduling delays, and the checks of the queue."""
 
 import numpy as np
 import pytest
@@ -22,13 +22,13 @@ def tolerance(position=(INF, INF), velocity=(INF, INF)):
 
 
 def on_plan(harness):
-    """Let the arm be where the plan is, until the next call."""
+    """Return the plan's time and positions, shape (n,), rad."""
     time, positions, _ = harness.execution.desired
     return time, positions
 
 
 def follow(harness, seconds, *, offset=(0.0, 0.0)):
-    """Let time pass while the arm is that far from the plan."""
+    """Advance time with the arm at an offset from the plan, rad."""
     for _ in range(round(seconds / DT)):
         harness.now += DT
         _, positions = on_plan(harness)
@@ -38,7 +38,7 @@ def follow(harness, seconds, *, offset=(0.0, 0.0)):
 # --- path tolerance ---------------------------------------------------------------------------
 
 
-def test_an_arm_on_its_path_violates_nothing():
+def test_arm_within_path_tolerance_succeeds():
     harness = Harness(path_tolerance=tolerance((0.05, 0.05)))
     for _ in LINE:
         harness.answer()
@@ -50,7 +50,7 @@ def test_an_arm_on_its_path_violates_nothing():
 
 
 @pytest.mark.parametrize('handled_after', [0.0, 1e-4])
-def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which(handled_after):
+def test_path_tolerance_violation_stops_arm_and_names_joint(handled_after):
     harness = Harness(path_tolerance=tolerance((INF, 0.05)))
     harness.handled_after = handled_after
     harness.answer()
@@ -59,7 +59,7 @@ def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which(handled_a
     harness.now += DT
     harness.joints(on_plan(harness)[1] + (0.5, 0.1))
     assert harness.stops == 1
-    assert not harness.outcomes  # when it stands
+    assert not harness.outcomes  # not before rest
     harness.answer()
     harness.see(0.3)
     assert harness.outcome.end is End.ABORTED
@@ -71,12 +71,12 @@ def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which(handled_a
     assert harness.stops == 1
 
 
-def test_the_velocity_has_its_tolerance_too():
+def test_velocity_tolerance_violation_stops_arm():
     harness = Harness(path_tolerance=tolerance(velocity=(0.6, INF)))
     harness.answer()
     follow(harness, 0.3)
     assert harness.stops == 0
-    harness.see(0.3, moving=0.0)  # it stands, and should go at 0.5 rad/s: still allowed
+    harness.see(0.3, moving=0.0)  # at rest instead of 0.5 rad/s: still allowed
     assert harness.stops == 0
     harness.see(0.1, moving=-0.3)
     assert harness.stops == 1
@@ -85,21 +85,21 @@ def test_the_velocity_has_its_tolerance_too():
     assert 'joint_1: the velocity error is' in harness.outcome.text
 
 
-def test_without_a_path_tolerance_nothing_is_checked():
+def test_deviation_without_path_tolerance_is_allowed():
     harness = Harness()
     harness.answer()
     follow(harness, 0.5, offset=(3.0, 3.0))
     assert not harness.stops
 
 
-def test_a_controller_that_rests_at_each_point_is_late_against_the_plan():
+def test_rest_at_a_point_violates_path_tolerance():
     harness = Harness(path_tolerance=tolerance((0.2, 0.2)))
     harness.go_and_answer()
-    harness.see(0.7)  # the plan goes on
+    harness.see(0.7)  # the plan continues
     assert harness.stops == 1
 
 
-def test_after_the_end_of_the_plan_only_the_goal_tolerance_counts():
+def test_path_tolerance_ends_with_the_plan():
     harness = Harness(path_tolerance=tolerance((0.6, 0.6)))
     for _ in LINE:
         harness.answer()
@@ -112,7 +112,7 @@ def test_after_the_end_of_the_plan_only_the_goal_tolerance_counts():
     assert harness.stops == 0
 
 
-def test_a_status_between_two_samples_compares_nothing_old():
+def test_status_between_samples_checks_no_old_joints():
     harness = Harness(path_tolerance=tolerance((0.05, 0.05)))
     harness.answer()
     follow(harness, 0.3)
@@ -123,7 +123,7 @@ def test_a_status_between_two_samples_compares_nothing_old():
     assert harness.stops == 0
 
 
-def test_a_violation_is_not_forgotten_if_the_stop_fails():
+def test_violation_is_reported_if_its_stop_fails():
     harness = Harness(path_tolerance=tolerance((0.05, 0.05)), settings=PATIENT)
     harness.answer()
     follow(harness, 0.1, offset=(0.3, 0.0))
@@ -133,7 +133,7 @@ def test_a_violation_is_not_forgotten_if_the_stop_fails():
     assert 'standstill' in harness.outcome.text
 
 
-def test_a_tight_velocity_at_the_goal_holds_for_its_joint():
+def test_goal_velocity_tightens_standstill_of_its_joint():
     harness = Harness(goal_velocity=np.array([0.001, INF]), in_motion=TriState.UNKNOWN, step=0.1)
     harness.finish_points()
     harness.at = np.array([0.995, 0.5])
@@ -158,12 +158,12 @@ def pause(harness):
 
 
 def stand(harness, seconds):
-    """Let time pass in which the arm stands and the status says nothing new."""
+    """Advance time with the arm at rest, without a status."""
     harness.see(seconds, status=False)
 
 
 @pytest.mark.parametrize('acknowledged', [1, 3], ids=['while streaming', 'while settling'])
-def test_a_paused_controller_is_waited_for_and_the_clock_stands(acknowledged):
+def test_paused_controller_stops_clock_and_timeouts(acknowledged):
     harness = Harness(settings=PATIENT, goal_time=0.5, path_tolerance=tolerance((0.05, 0.05)))
     status(harness, TriState.TRUE)
     for _ in range(acknowledged):
@@ -190,7 +190,7 @@ def test_a_paused_controller_is_waited_for_and_the_clock_stands(acknowledged):
     assert harness.outcome.end is End.SUCCEEDED, harness.outcome.text
 
 
-def test_a_paused_goal_does_not_succeed_before_the_controller_goes_on():
+def test_goal_does_not_succeed_while_controller_is_paused():
     harness = Harness(step=0.1)
     status(harness, TriState.TRUE)
     harness.finish_points()
@@ -202,7 +202,7 @@ def test_a_paused_goal_does_not_succeed_before_the_controller_goes_on():
     assert harness.outcome.end is End.SUCCEEDED
 
 
-def test_after_a_pause_the_usual_patience_holds():
+def test_timeouts_apply_again_after_a_pause():
     harness = Harness(settings=PATIENT, step=0.25)
     status(harness, TriState.TRUE)
     for _ in LINE:
@@ -211,13 +211,13 @@ def test_after_a_pause_the_usual_patience_holds():
     pause(harness)
     stand(harness, 10.0)
     status(harness, TriState.TRUE)
-    stand(harness, 0.375 + SETTLE_TIME_S - 0.1)  # what is left of the plan, too
+    stand(harness, 0.375 + SETTLE_TIME_S - 0.1)  # and the rest of the plan
     assert not harness.outcomes
     stand(harness, 0.3)
     assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
 
 
-def test_a_paused_goal_can_be_canceled():
+def test_cancel_while_controller_is_paused_ends_as_canceled():
     harness = Harness()
     status(harness, TriState.TRUE)
     harness.answer()
@@ -231,7 +231,7 @@ def test_a_paused_goal_can_be_canceled():
 
 
 @pytest.mark.parametrize('before', [TriState.UNKNOWN, TriState.FALSE])
-def test_a_controller_that_never_says_that_motion_is_possible_is_not_paused(before):
+def test_controller_that_never_reports_motion_possible_is_not_paused(before):
     harness = Harness(settings=PATIENT)
     status(harness, before)
     harness.answer()
@@ -244,7 +244,7 @@ def test_a_controller_that_never_says_that_motion_is_possible_is_not_paused(befo
 @pytest.mark.parametrize(
     'fields', [{'in_error': TriState.TRUE}, {'error_code': 4001}], ids=['in error', 'number']
 )
-def test_an_error_is_no_pause(fields):
+def test_controller_error_is_no_pause(fields):
     harness = Harness(settings=PATIENT)
     status(harness, TriState.TRUE)
     harness.answer()
@@ -255,12 +255,12 @@ def test_an_error_is_no_pause(fields):
 # --- speed scaling ----------------------------------------------------------------------------
 
 
-def test_points_that_are_not_sent_yet_get_slower_and_the_clock_with_them():
+def test_speed_scaling_slows_unsent_points_and_the_clock():
     harness = Harness(path_tolerance=tolerance((0.05, 0.05)), goal_time=0.1)
     harness.answer()
     assert [point.duration for point in harness.sent] == [1.0, 1.0]
     harness.scaling.set(0.5, harness.now)
-    follow(harness, 1.0)  # what was sent goes on as it was sent
+    follow(harness, 1.0)  # sent points keep their speed
     assert harness.execution.desired[0] == pytest.approx(1.0)
     harness.answer()
     assert harness.sent[-1].duration == pytest.approx(2.0)
@@ -273,7 +273,7 @@ def test_points_that_are_not_sent_yet_get_slower_and_the_clock_with_them():
     assert harness.outcome.end is End.SUCCEEDED
 
 
-def test_patience_for_a_reply_knows_how_slow_the_point_is():
+def test_reply_timeout_includes_scaled_duration_of_the_point():
     harness = Harness(settings=PATIENT)
     harness.scaling.set(0.1, harness.now - 10.0)
     harness.answer()
@@ -283,8 +283,8 @@ def test_patience_for_a_reply_knows_how_slow_the_point_is():
     assert 'no reply' in harness.outcome.text
 
 
-def test_patience_for_a_reply_knows_how_long_the_plan_rests_before_the_point():
-    """A controller that looks ahead answers the next point when it goes on."""
+def test_reply_timeout_includes_planned_rest_before_the_point():
+    """A controller that looks ahead replies to the next point when it continues."""
     harness = Harness(((0.0, 0.0), (0.0, 0.0), (0.5, 0.25)), settings=PATIENT, step=10.0)
     harness.answer()
     harness.answer()
@@ -295,8 +295,8 @@ def test_patience_for_a_reply_knows_how_long_the_plan_rests_before_the_point():
 
 
 @pytest.mark.invariant(9)
-def test_a_process_that_was_not_scheduled_has_not_waited_for_a_reply():
-    """docs/invariants.md, 9: the reply came meanwhile, and is read after the state."""
+def test_unscheduled_time_does_not_count_toward_reply_timeout():
+    """docs/invariants.md, 9: the reply arrived in that time, and is read after the state."""
     harness = Harness(settings=PATIENT)
     harness.go_and_answer()
     harness.pass_time(60.0)
@@ -309,9 +309,9 @@ def test_a_process_that_was_not_scheduled_has_not_waited_for_a_reply():
 
 
 def stall(harness, seconds, *, along=on_plan, status=None):
-    """The process stands still; the states of that time are read at its end, one after the other.
+    """Suspend the process, and read the states of that time at its end, one after the other.
 
-    `along` returns where the arm is, `status` the fields of the STATUS after every tenth.
+    `along` returns the position of the arm, `status` the fields of the STATUS after every tenth.
     """
     measured = []
     for _ in range(round(seconds / DT)):
@@ -324,8 +324,8 @@ def stall(harness, seconds, *, along=on_plan, status=None):
 
 
 @pytest.mark.invariant(9)
-def test_states_that_waited_for_the_process_are_held_against_the_plan_of_their_time():
-    """docs/invariants.md, 9: the arm was on its path while nobody looked."""
+def test_delayed_joints_are_compared_with_the_plan_at_their_measurement():
+    """docs/invariants.md, 9: the arm was on its path while the process was not scheduled."""
     harness = Harness(path_tolerance=tolerance((0.03, 0.03)))
     harness.answer()
     follow(harness, 0.4)
@@ -341,7 +341,7 @@ def test_states_that_waited_for_the_process_are_held_against_the_plan_of_their_t
 
 
 @pytest.mark.invariant(9)
-def test_an_arm_that_arrived_while_the_process_stood_still_is_not_late():
+def test_arrival_during_unscheduled_time_is_not_late():
     """docs/invariants.md, 9."""
     harness = Harness(goal_time=0.5)
     harness.answer()
@@ -360,8 +360,8 @@ def test_an_arm_that_arrived_while_the_process_stood_still_is_not_late():
 
 
 @pytest.mark.invariant(9)
-def test_the_status_that_says_why_may_wait_for_the_process():
-    """docs/invariants.md, 9: it came in time, and is read after joints that came with it."""
+def test_status_with_cause_may_be_read_late():
+    """docs/invariants.md, 9: it arrived in time, and is read after joints that arrived with it."""
     harness = Harness()
     harness.refuse()
     stand(harness, DT)
@@ -378,8 +378,8 @@ def test_the_status_that_says_why_may_wait_for_the_process():
     ],
     ids=['none', 'no error', 'error'],
 )
-def test_a_rejected_goal_says_whether_the_cause_is_known(status, text, unexplained):
-    """What is not explained yet may be by a later status (ArmGate.close)."""
+def test_rejection_reports_whether_its_cause_is_known(status, text, unexplained):
+    """A later status may still explain an unexplained rejection (ArmGate.close)."""
     harness = Harness()
     harness.refuse()
     harness.now += DT
@@ -393,8 +393,8 @@ def test_a_rejected_goal_says_whether_the_cause_is_known(status, text, unexplain
 
 
 @pytest.mark.invariant(9)
-def test_a_process_that_stood_still_has_not_waited_for_the_arm_to_begin():
-    """docs/invariants.md, 9: as after a download, in whose dead time the arm stands."""
+def test_unscheduled_time_does_not_count_toward_start_of_motion():
+    """docs/invariants.md, 9: as after a download, during whose dead time the arm is at rest."""
     harness = Harness(start=False)
     harness.start(delay=3.0)
     for _ in LINE:
@@ -443,7 +443,7 @@ BAD = {
 
 
 @pytest.mark.invariant(2)
-async def test_inv2_the_goal_queue_rejects_what_breaks_a_limit_and_nothing_moves():
+async def test_inv2_invalid_goal_is_rejected_and_nothing_moves():
     async with cell() as (harness, controller):
         before = controller.joint_position().joints
         for name, (bad, words) in BAD.items():
@@ -464,7 +464,7 @@ async def test_inv2_the_goal_queue_rejects_what_breaks_a_limit_and_nothing_moves
 
 
 @pytest.mark.invariant(2)
-async def test_inv2_a_bad_goal_does_not_replace_the_one_that_runs():
+async def test_inv2_invalid_goal_does_not_replace_running_goal():
     async with cell() as (harness, _):
         running = harness.submit(pose(0.3))
         await harness.until_moving()
@@ -474,7 +474,7 @@ async def test_inv2_a_bad_goal_does_not_replace_the_one_that_runs():
         assert (await running.end()).end is End.SUCCEEDED
 
 
-async def test_a_goal_may_end_moving_where_that_is_allowed():
+async def test_end_velocity_is_accepted_if_allowed():
     async with cell() as (harness, _):
         submitted = Submitted(goal(velocities=LAST_VELOCITY, may_end_moving=True))
         harness.driver.goal_queue.submit(submitted.handle)

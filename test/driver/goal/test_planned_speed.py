@@ -51,7 +51,7 @@ async def executed(profile, trajectory, **settings):
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_a_plan_at_another_speed_is_a_warning_with_both_times_and_why(caplog):
+async def test_inv5_other_speed_than_planned_is_a_warning_with_both_times(caplog):
     fanuc = load_controller_profile('fanuc')
     with caplog.at_level(logging.WARNING):
         harness, outcome, _ = await executed(fanuc, plan())
@@ -66,18 +66,18 @@ async def test_inv5_a_plan_at_another_speed_is_a_warning_with_both_times_and_why
     assert harness.driver.goal_queue.other_speed == 1
 
 
-async def test_a_plan_that_its_controller_keeps_is_no_warning():
+async def test_planned_speed_is_no_warning():
     harness, outcome, _ = await executed(load_controller_profile('generic'), plan(1.0))
     assert outcome.end is End.SUCCEEDED
     timing = harness.driver.goal_queue.last_timing
     assert timing.executed > 0.9
-    if not timing.deviates:  # a machine that sees the standstill late says so, too
+    if not timing.deviates:  # a busy machine may detect the standstill late
         assert 'planned' not in outcome.text
         assert harness.driver.goal_queue.other_speed == 0
 
 
 @pytest.mark.invariant(10)
-async def test_inv10_a_plan_slower_than_the_controller_is_rejected_before_anything_is_sent():
+async def test_inv10_plan_slower_than_controller_is_rejected_before_sending():
     fanuc = load_controller_profile('fanuc')
     _, outcome, at = await executed(fanuc, plan(), require_planned_speed=True)
     assert outcome.code is ErrorCode.INVALID_GOAL
@@ -90,12 +90,12 @@ async def test_inv10_a_plan_slower_than_the_controller_is_rejected_before_anythi
     ('planned', 'executed_in', 'deviates'),
     [(4.0, 1.03, True), (4.0, 4.7, False), (4.0, 4.9, True), (0.1, 0.3, False), (1.0, 1.35, True)],
 )
-def test_what_counts_as_another_speed(planned, executed_in, deviates):
+def test_deviation_is_reported_beyond_both_tolerances(planned, executed_in, deviates):
     assert Timing(planned, executed_in).deviates is deviates
 
 
 @pytest.mark.parametrize('uses', FieldsUsed)
-def test_only_a_kind_with_a_speed_of_its_own_is_known_to_miss_the_plan(uses):
+def test_only_controller_that_ignores_times_rejects_slow_plans(uses):
     speed = PlannedSpeed(replace(OWN_SPEED, uses=uses), LIMITS)
     if uses is FieldsUsed.NOTHING:
         with pytest.raises(GoalRejectedError, match=r'the controller at 0\.2'):
@@ -110,8 +110,8 @@ def test_only_a_kind_with_a_speed_of_its_own_is_known_to_miss_the_plan(uses):
     PlannedSpeed(full, LIMITS).check(plan(), HOME, 1.0)
 
 
-def test_a_kind_that_goes_by_velocities_gets_those_that_take_the_plans_time():
-    """With the fastest of a segment's velocities, it would take half of the time."""
+def test_velocities_of_points_reproduce_planned_time():
+    """With the fastest velocity of each segment, the motion would take half of the time."""
     share = np.linspace(0.0, 1.0, 9)
     smooth, rate = 3 * share**2 - 2 * share**3, 6 * share - 6 * share**2
     way = pose(0.5, -0.2)

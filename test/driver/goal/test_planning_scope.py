@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that are still being planned: who ends them has an answer at once; none begins later."""
+"""Goals in planning: their end is reported immediately, and they do not start later."""
 
 import asyncio
 import logging
@@ -19,8 +19,8 @@ from epson_driver.sim_controller.condition.states import Event
 
 
 @pytest.mark.invariant(5)
-async def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
-    """Not even a thread that never looks whether it is wanted keeps anybody waiting."""
+async def test_ending_a_scope_wakes_its_caller_while_the_thread_still_runs():
+    """Even a thread that never checks its scope keeps no caller waiting."""
     begun, go_on = threading.Event(), threading.Event()
     asked = []
 
@@ -49,7 +49,7 @@ async def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
         await plan.in_thread(work)
 
 
-async def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises():
+async def test_active_scope_returns_or_raises_the_result_of_its_thread():
     def fails(_look):
         raise ValueError('out of reach')
 
@@ -58,7 +58,7 @@ async def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises()
         await PlanningScope().in_thread(fails)
 
 
-def test_what_fails_after_everybody_left_is_logged(caplog):
+def test_failure_of_abandoned_planning_is_logged(caplog):
     begun, go_on = threading.Event(), threading.Event()
 
     def work(_look):
@@ -80,7 +80,7 @@ def test_what_fails_after_everybody_left_is_logged(caplog):
     assert "RuntimeError('broken')" in caplog.text
 
 
-def test_plans_end_together_and_none_is_kept():
+def test_scopes_end_together_and_are_released():
     plans = PlanningScopes()
     first, second = plans.begin(), plans.begin(PlanningScope())
     plans.end('stopped')
@@ -111,7 +111,7 @@ async def move(harness, _controller):
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('happens', [estop, stop, disable, move])
-async def test_whatever_stops_or_moves_the_arm_ends_plans_though_it_is_enabled_again(happens):
+async def test_stop_or_motion_ends_scopes_even_if_enabled_again(happens):
     async with cell() as (harness, controller):
         plan = harness.driver.goal_queue.plans.begin()
         await happens(harness, controller)

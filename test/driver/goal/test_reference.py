@@ -38,7 +38,7 @@ def planned(orders, polynomials):
 
 
 @given(st.floats(0.0, 2.0))
-def test_accelerations_make_a_quintic(time):
+def test_accelerations_give_quintic_interpolation(time):
     positions, velocities = ReferenceTrajectory(planned(3, POLYNOMIALS), np.zeros(2)).at(time)
     np.testing.assert_allclose(positions, [each(time) for each in POLYNOMIALS], atol=1e-9)
     if time < 2.0:
@@ -47,7 +47,7 @@ def test_accelerations_make_a_quintic(time):
 
 
 @given(st.floats(0.0, 2.0))
-def test_velocities_make_a_cubic(time):
+def test_velocities_give_cubic_interpolation(time):
     cubics = [np.poly1d([1.0, -2.0, 0.5, 3.0]), np.poly1d([0.2, 0.0, -1.0])]
     positions, velocities = ReferenceTrajectory(planned(2, cubics), np.zeros(2)).at(time)
     np.testing.assert_allclose(positions, [each(time) for each in cubics], atol=1e-9)
@@ -55,7 +55,7 @@ def test_velocities_make_a_cubic(time):
         np.testing.assert_allclose(velocities, [each.deriv()(time) for each in cubics], atol=1e-8)
 
 
-def test_positions_alone_are_joined_by_lines():
+def test_positions_without_velocities_give_linear_interpolation():
     line = Trajectory(NAMES, TIMES, np.array([[0.0, 0.0], [1.0, -1.0], [1.0, 2.0]]))
     positions, velocities = ReferenceTrajectory(line, np.zeros(2)).at(0.25)
     assert positions.tolist() == [0.5, -0.5]
@@ -65,7 +65,7 @@ def test_positions_alone_are_joined_by_lines():
     assert velocities.tolist() == [0.0, 2.0]
 
 
-def test_a_first_point_later_than_0_is_gone_to_from_where_the_arm_stands():
+def test_first_point_after_0_s_is_approached_from_start():
     line = Trajectory(NAMES, np.array([2.0]), np.array([[1.0, 1.0]]))
     reference = ReferenceTrajectory(line, np.array([0.0, 0.5]))
     assert reference.at(1.0)[0].tolist() == [0.5, 0.75]
@@ -73,7 +73,7 @@ def test_a_first_point_later_than_0_is_gone_to_from_where_the_arm_stands():
     assert reference.at(99.0)[1].tolist() == [0.0, 0.0]
 
 
-def test_a_single_point_at_0():
+def test_single_point_at_0_s_is_constant():
     line = Trajectory(NAMES, np.array([0.0]), np.array([[1.0, 1.0]]))
     assert ReferenceTrajectory(line, np.zeros(2)).at(0.0)[0].tolist() == [1.0, 1.0]
 
@@ -88,7 +88,7 @@ def clock(scaling=None):
     return GoalClock(line, np.zeros(2), scaling or SpeedScaling(), 100.0)
 
 
-def test_it_runs_from_the_first_point_on_and_past_the_end():
+def test_clock_runs_from_first_point_past_the_end():
     made = clock()
     made.advance(100.7)
     assert made.time == pytest.approx(0.7)
@@ -97,7 +97,7 @@ def test_it_runs_from_the_first_point_on_and_past_the_end():
     assert made.desired()[0].tolist() == [2.0, 2.0]
 
 
-def test_what_was_sent_keeps_its_factor_and_the_rest_has_that_of_the_moment():
+def test_sent_segments_keep_their_factor_and_others_use_the_present_one():
     scaling = SpeedScaling()
     made = clock(scaling)
     made.sent(1.0)
@@ -111,7 +111,7 @@ def test_what_was_sent_keeps_its_factor_and_the_rest_has_that_of_the_moment():
     assert made.rate == 0.25
 
 
-def test_it_stands_while_it_does_not_run_and_forgets_that_time():
+def test_stopped_clock_excludes_that_time():
     made = clock()
     made.advance(100.5)
     made.advance(103.0, running=False)
@@ -121,7 +121,7 @@ def test_it_stands_while_it_does_not_run_and_forgets_that_time():
 
 
 @given(st.lists(st.floats(0.0, 1.0), max_size=20))
-def test_the_steps_do_not_matter(steps):
+def test_clock_does_not_depend_on_step_size(steps):
     made, at_once = clock(), clock()
     for each in (made, at_once):
         for factor in (1.0, 0.5, 0.1):
@@ -134,7 +134,7 @@ def test_the_steps_do_not_matter(steps):
     assert made.time == pytest.approx(at_once.time, abs=1e-9)
 
 
-def test_it_stands_until_the_plan_begins():
+def test_clock_waits_for_start_of_plan():
     made = clock()
     made.advance(99.0)
     assert made.time == 0.0
@@ -146,13 +146,13 @@ def test_it_stands_until_the_plan_begins():
 FACTORS = st.floats(MIN_FACTOR, 1.0)
 
 
-def test_it_begins_as_planned():
+def test_initial_factor_is_1():
     scaling = SpeedScaling()
     assert scaling.factor(0.0) == scaling.factor(1e9) == scaling.target == 1.0
     assert scaling.time_for(0.3, 5.0) == 0.3
 
 
-def test_it_goes_to_its_target_in_a_ramp_also_from_the_middle_of_one():
+def test_factor_ramps_to_target_from_within_a_ramp():
     scaling = SpeedScaling()
     scaling.set(0.01, 10.0)
     assert scaling.factor(10.0) == 1.0
@@ -165,7 +165,7 @@ def test_it_goes_to_its_target_in_a_ramp_also_from_the_middle_of_one():
 
 
 @pytest.mark.parametrize('bad', [-0.1, MIN_FACTOR / 2, 1.001, math.nan, math.inf, -math.inf])
-def test_what_is_no_factor_is_refused_with_what_is(bad):
+def test_invalid_factor_is_rejected_with_allowed_range(bad):
     scaling = SpeedScaling()
     with pytest.raises(ValueError, match=r'must be 0 \(pause\) or from 0.01 to 1'):
         scaling.set(bad, 1.0)
@@ -173,9 +173,7 @@ def test_what_is_no_factor_is_refused_with_what_is(bad):
 
 
 @given(FACTORS, FACTORS, st.floats(0.0, 1.0), st.floats(1e-3, 2.0))
-def test_a_piece_of_a_plan_takes_as_long_as_the_factors_on_the_way_say(
-    first, then, since, planned
-):
+def test_time_for_is_the_integral_of_the_factor(first, then, since, planned):
     scaling = SpeedScaling()
     scaling.set(first, 0.0)
     scaling.set(then, 10.0)
@@ -187,7 +185,7 @@ def test_a_piece_of_a_plan_takes_as_long_as_the_factors_on_the_way_say(
     assert done == pytest.approx(planned, rel=1e-3)
 
 
-def test_a_pause_takes_effect_immediately_and_ends_in_a_ramp():
+def test_pause_takes_effect_immediately_and_ends_in_a_ramp():
     scaling = SpeedScaling()
     scaling.set(0.0, 0.0)
     assert scaling.factor(0.0) == 0.0
@@ -198,21 +196,21 @@ def test_a_pause_takes_effect_immediately_and_ends_in_a_ramp():
 POINT = JointTrajPt(3, joint_data([0.1, 0.2]), 0.6, 0.5)
 
 
-def test_a_point_takes_longer_and_is_slower():
+def test_scaled_point_has_lower_velocity_and_longer_duration():
     slow = scaled(POINT, 0.5, 0.5)
     assert (slow.velocity, slow.duration) == (0.3, 1.0)
     assert (slow.sequence, slow.joints) == (POINT.sequence, POINT.joints)
     assert scaled(POINT, 0.001, 1.0).velocity == 1e-3
 
 
-def test_a_point_for_a_controller_that_goes_by_velocities_is_not_slower_than_can_be_sent():
+def test_least_factor_keeps_velocity_that_can_be_sent():
     slow = replace(POINT, velocity=0.01)
     assert SpeedScaling().least(slow) == pytest.approx(0.1)
     assert SpeedScaling(by_velocity=False).least(slow) == 0.0
     assert SpeedScaling().least(Ping()) == 0.0
 
 
-def test_a_full_point_comes_later_and_is_slower():
+def test_scaled_full_point_has_later_time_and_lower_velocities():
     fields = ValidFields.TIME | ValidFields.POSITION
     full = JointTrajPtFull(0, 3, fields, 2.0, (1.0,) * 10, (4.0,) * 10, (8.0,) * 10)
     slow = scaled(full, 0.5, 0.75)
@@ -224,7 +222,7 @@ def test_a_full_point_comes_later_and_is_slower():
     assert (late.time, late.velocities) == (2.75, full.velocities)
 
 
-def test_as_planned_nothing_changes():
+def test_factor_1_without_delay_changes_nothing():
     assert scaled(POINT, 1.0, 0.0) is POINT
     assert scaled(POINT, 1.0, 0.3) == POINT
     assert scaled(Ping(), 0.5, 1.0) == Ping()

@@ -27,17 +27,17 @@ def places(trajectory):
     return trajectory.positions[:, 0].tolist()
 
 
-def test_passed_points_are_left_out_and_the_others_keep_their_distances():
+def test_passed_points_are_omitted_and_others_keep_their_times():
     rest = rest_of(plan(0.0, 0.4, 0.8, 1.2), 0.6, 1.5)
     assert places(rest) == [0.6, 0.8, 1.2]
     assert rest.times.tolist() == pytest.approx([0.0, FROM_REST * 0.5, FROM_REST * 0.5 + 1.0])
 
 
-def test_a_plan_of_one_point_starts_where_the_arm_was():
+def test_plan_of_one_point_starts_at_start_position():
     assert places(rest_of(plan(1.0, first=2.0), 0.25, 0.5)) == [0.25, 1.0]
 
 
-def test_a_point_where_the_arm_rests_is_passed_unless_it_is_the_last():
+def test_point_at_rest_position_is_omitted_unless_last():
     assert places(rest_of(plan(0.0, 0.4, 0.8), 0.4, 1.0)) == [0.4, 0.8]
     assert places(rest_of(plan(0.0, 0.4, 0.8), 0.8, 2.0)) == [0.8, 0.8]
 
@@ -46,7 +46,7 @@ def test_a_point_where_the_arm_rests_is_passed_unless_it_is_the_last():
     ('expected', 'left'),
     [(0.5, [0.5, 1.0, 0.0, 1.0, 0.0]), (1.5, [0.5, 0.0, 1.0, 0.0]), (3.4, [0.5, 0.0])],
 )
-def test_a_place_that_is_passed_several_times_counts_at_the_expected_time(expected, left):
+def test_position_passed_repeatedly_is_matched_by_expected_time(expected, left):
     assert places(rest_of(plan(0.0, 1.0, 0.0, 1.0, 0.0), 0.5, expected)) == left
 
 
@@ -61,12 +61,13 @@ def test_velocities_start_from_rest():
 
 
 @pytest.mark.parametrize('noise', [0.0, 1e-203, 1e-6])
-def test_a_plan_that_does_not_move_is_its_own_rest(noise):
+def test_plan_without_motion_is_returned_unchanged(noise):
     made = plan(0.0, noise)
     assert rest_of(made, 0.01, 0.5) is made
 
 
-def test_an_arm_beside_a_plan_that_hardly_moves_does_not_take_hours():
+def test_tiny_plan_has_short_remainder():
+    """The plan moves by 0.2 mrad, and the arm is 30 mrad from it."""
     assert rest_of(plan(0.0, 2e-4), 0.03, 0.0).duration < 10.0
 
 
@@ -77,8 +78,8 @@ def test_an_arm_beside_a_plan_that_hardly_moves_does_not_take_hours():
     st.floats(-0.05, 0.05),
     st.floats(0.05, 3.0),
 )
-def test_inv2_the_rest_is_no_faster_than_the_plan(points, share, aside, step):
-    """Wherever the arm rests: on the path, or beside it."""
+def test_inv2_remainder_is_no_faster_than_the_plan(points, share, aside, step):
+    """The arm is at rest on the path or next to it."""
     made = plan(0.0, *points, step=step)
     time = share * made.duration
     at = float(np.interp(time, made.times, made.positions[:, 0]))

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An arm that rests at a limit, as its controller tells it: encoder pulses, sent as float32.
+"""An arm at rest at a limit, with its position rounded to encoder pulses and float32.
 
-MoveIt plans from there, within the URDF's limits, and the driver takes what it plans. Any model.
+MoveIt plans from there within the URDF's limits, and the driver accepts the plan. For any model.
 """
 
 from xml.etree import ElementTree
@@ -19,14 +19,14 @@ from epson_driver.robots.urdf import urdf
 
 each_model = pytest.mark.parametrize('name', one_in(5, robot_models()))
 
-MOST = {'rad': 1e-4, 'm': 1e-5}
-"""The URDF's limits may be so much wider than the arm's."""
+MAX_EXCESS = {'rad': 1e-4, 'm': 1e-5}
+"""Maximum difference between a limit of the URDF and the arm's."""
 
 
-def told(model: RobotModel, limit: Array, outwards: float) -> Array:
-    """Return what a controller may tell of joints at a limit: a pulse and a float32 step beyond.
+def measured_at(model: RobotModel, limit: Array, outwards: float) -> Array:
+    """Return possible measured joints at a limit, a pulse and a float32 step beyond it.
 
-    A pulse that is not known counts as 0.
+    An unknown pulse counts as 0.
     """
     pulse = np.nan_to_num(1.0 / np.abs(model.pulses_per_unit))
     beyond = (limit + np.copysign(pulse, outwards)).astype(np.float32)
@@ -43,7 +43,7 @@ def goal(model: RobotModel, joints: Array) -> Goal:
 
 
 @each_model
-def test_a_plan_from_a_limit_is_within_the_urdf_and_a_goal_on_the_limit(name: str) -> None:
+def test_plan_from_a_limit_is_within_urdf_and_set_to_the_limit(name: str) -> None:
     model = load_robot_model(name)
     limits = model.limits
     root = ElementTree.fromstring(urdf(name))
@@ -53,22 +53,22 @@ def test_a_plan_from_a_limit_is_within_the_urdf_and_a_goal_on_the_limit(name: st
         ('upper', limits.position_max, np.inf),
     ):
         wide = np.array([float(rows[joint].get(key)) for joint in model.joint_names])
-        measured = told(model, limit, outwards)
+        measured = measured_at(model, limit, outwards)
         beyond = np.abs(wide - limit)
         assert np.all(np.abs(measured - limit) <= beyond)
         assert np.all((wide <= measured) == (outwards < 0))
-        assert np.all(beyond <= [MOST[unit] for unit in limits.units])
+        assert np.all(beyond <= [MAX_EXCESS[unit] for unit in limits.units])
         for at in (measured, wide):
             taken = checked_goal(goal(model, at), limits).trajectory.positions
             assert np.all(taken == limit)
 
 
 @each_model
-def test_farther_out_is_refused_with_joint_and_limit(name: str) -> None:
+def test_position_beyond_rounding_is_rejected_with_joint(name: str) -> None:
     model = load_robot_model(name)
     limits = model.limits
     for joint, unit in enumerate(limits.units):
         joints = np.clip(np.zeros(len(limits.names)), limits.position_min, limits.position_max)
-        joints[joint] = limits.position_max[joint] + MOST[unit]
+        joints[joint] = limits.position_max[joint] + MAX_EXCESS[unit]
         with pytest.raises(GoalRejectedError, match=f'{limits.names[joint]}: position'):
             checked_goal(goal(model, joints), limits)
