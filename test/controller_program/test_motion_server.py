@@ -15,7 +15,6 @@ from support.robot_program import (
     FASTEST,
     HIGHEST,
     IO_PORT,
-    LOWEST,
     MOTION_PORT,
     STATE_PORT,
     Client,
@@ -27,23 +26,16 @@ from support.robot_program import (
 )
 
 from epson_driver.simple_message import (
-    LITTLE_ENDIAN,
-    GetVersion,
-    JointPosition,
     JointTrajPt,
-    MessageType,
-    Opaque,
     Ping,
     ReplyCode,
     SpecialSequence,
-    encode,
     joint_data,
-    reply,
 )
 
 OK, FAILURE = int(ReplyCode.SUCCESS), int(ReplyCode.FAILURE)
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
-CORRUPT, OUT_OF_RANGE, MOTORS_OFF, TASK_GONE = 8000, 4001, 4031, 2261
+MOTORS_OFF = 4031
 
 
 @pytest.fixture
@@ -64,23 +56,6 @@ def line(harness: RobotHarness, count: int, step: float = 4.0, duration: float =
 
 def close_to(a, b) -> bool:
     return all(abs(x - y) < 1e-4 for x, y in zip(a, b, strict=True))
-
-
-def test_replies_are_bit_exact(harness: RobotHarness, client: Client) -> None:
-    """Each reply is the JOINT_POSITION that simple_message writes, with the request's sequence."""
-    first, second = line(harness, 2)
-    client.send(request(first))
-    harness.run(0.05)
-    assert client.raw() == encode(reply(JointPosition(0), ReplyCode.SUCCESS), LITTLE_ENDIAN)
-    client.send(request(second))
-    harness.run(0.05)
-    assert client.raw() == encode(reply(JointPosition(1), ReplyCode.SUCCESS), LITTLE_ENDIAN)
-    client.send(request(STOP))
-    harness.run(0.05)
-    assert client.raw() == encode(reply(JointPosition(-4), ReplyCode.SUCCESS), LITTLE_ENDIAN)
-    client.send(request(JointTrajPt(7)))
-    harness.run(0.05)
-    assert client.raw() == encode(reply(JointPosition(7), ReplyCode.FAILURE), LITTLE_ENDIAN)
 
 
 def test_the_target_of_go_is_that_of_the_point(harness: RobotHarness, client: Client) -> None:
@@ -186,74 +161,6 @@ def test_the_arm_stands_for_the_time_of_a_point_that_is_where_it_is(
     assert second - first > 1.0 + 0.1
 
 
-@pytest.mark.parametrize(
-    'bad',
-    [
-        JointTrajPt(1, joint_data([math.nan] * 6), 0.1, 0.2),
-        JointTrajPt(1, (0.0,) * 9 + (math.inf,), 0.1, 0.2),
-        JointTrajPt(1, (0.0,) * 10, math.nan, 0.2),
-        JointTrajPt(1, (0.0,) * 10, -0.1, 0.2),
-        JointTrajPt(1, (0.0,) * 10, 1.5, 0.2),
-        JointTrajPt(1, (0.0,) * 10, 0.1, -1.0),
-        JointTrajPt(1, (0.0,) * 10, 0.1, 1e5),
-        JointTrajPt(1, (0.0,) * 10, 0.1, -math.inf),
-        JointTrajPt(2, (0.0,) * 10, 0.1, 0.2),
-        JointTrajPt(-3, (0.0,) * 10, 0.1, 0.2),
-        JointTrajPt(-5, (0.0,) * 10, 0.1, 0.2),
-    ],
-    ids=str,
-)
-def test_a_point_that_makes_no_sense_is_refused_and_ends_the_motion(
-    harness: RobotHarness, client: Client, bad: JointTrajPt
-) -> None:
-    (good,) = line(harness, 1, 90.0, 2.0)
-    assert harness.stream(client, [good, bad]) == [(0, OK), (bad.sequence, FAILURE)]
-    assert harness.shared('g_point_error') == CORRUPT
-    harness.rest()
-    assert abs(harness.robot.position[0] - 90.0) > 10.0
-    assert harness.stream(client, line(harness, 2)) == [(0, OK), (1, OK)]
-    assert harness.shared('g_point_error') == 0
-
-
-@pytest.mark.parametrize('joint', range(6))
-@pytest.mark.parametrize('side', [LOWEST, HIGHEST], ids=['lowest', 'highest'])
-def test_a_point_outside_the_limits_is_refused_before_it_is_queued(
-    harness: RobotHarness, client: Client, joint: int, side: tuple[float, ...]
-) -> None:
-    inside, outside = list(harness.robot.position), list(harness.robot.position)
-    inside[joint] = side[joint]
-    outside[joint] = side[joint] + math.copysign(0.01, side[joint])
-    assert harness.stream(client, [point(0, outside)]) == [(0, FAILURE)]
-    assert harness.shared('g_point_error') == OUT_OF_RANGE
-    assert harness.robot.gone_to == []
-    assert harness.stream(client, [point(0, inside, 3.0)]) == [(0, OK)]
-    harness.rest()
-    assert harness.robot.failures == []
-    assert abs(harness.robot.position[joint] - side[joint]) < 0.001
-
-
-def test_what_is_not_a_request_with_a_whole_body_is_refused(
-    harness: RobotHarness, client: Client
-) -> None:
-    client.send(request(Opaque(MessageType.JOINT_TRAJ_PT, bytes(48))))
-    harness.run(0.05)
-    assert client.replies() == [(0, FAILURE)]
-    client.send(reply(JointTrajPt(0), ReplyCode.SUCCESS), topic(JointTrajPt(3)))
-    harness.run(0.05)
-    assert client.replies() == []
-    assert harness.robot.gone_to == []
-
-
-def test_the_motors_must_be_on(harness: RobotHarness, client: Client) -> None:
-    harness.robot.motors = False
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    assert harness.shared('g_point_error') == MOTORS_OFF
-    harness.robot.motors = True
-    harness.rest()
-    assert harness.robot.gone_to == []
-    assert harness.stream(client, line(harness, 1)) == [(0, OK)]
-
-
 def test_in_the_teach_mode_points_are_refused(harness: RobotHarness, client: Client) -> None:
     harness.robot.states['ctrlinfo'] = 0
     assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
@@ -278,20 +185,6 @@ def test_stop_ends_the_motion_within_its_deceleration(
     assert harness.task(1)
 
 
-def test_after_a_stop_only_a_new_trajectory_is_taken(
-    harness: RobotHarness, client: Client
-) -> None:
-    assert harness.stream(client, [*line(harness, 3), STOP]) == [
-        (0, OK),
-        (1, OK),
-        (2, OK),
-        (-4, OK),
-    ]
-    assert harness.stream(client, [point(3, harness.robot.position)]) == [(3, FAILURE)]
-    harness.rest()
-    assert harness.stream(client, line(harness, 2)) == [(0, OK), (1, OK)]
-
-
 def test_a_new_trajectory_after_a_stop_begins_from_rest(
     harness: RobotHarness, client: Client
 ) -> None:
@@ -310,14 +203,6 @@ def test_a_new_trajectory_after_a_stop_begins_from_rest(
     assert abs(speed - wanted) <= 1.0
 
 
-def test_stop_is_answered_in_every_condition(harness: RobotHarness, client: Client) -> None:
-    harness.press_estop()
-    assert harness.stream(client, [STOP]) == [(-4, OK)]
-    client.send(topic(STOP))
-    harness.run(0.1)
-    assert client.replies() == []
-
-
 def test_points_that_are_not_answered_fail_before_the_stop_is_answered() -> None:
     """The look-ahead holds a fast client back; what it has sent by then is answered in order."""
     harness = RobotHarness(LOOK_AHEAD='4')
@@ -328,17 +213,6 @@ def test_points_that_are_not_answered_fail_before_the_stop_is_answered() -> None
     client.send(request(STOP))
     harness.run(0.05)
     assert client.replies() == [*((n, FAILURE) for n in range(4, 8)), (-4, OK)]
-
-
-def test_a_full_ring_refuses(harness: RobotHarness, client: Client) -> None:
-    client.send(*(request(each) for each in line(harness, 260, 0.0, 100.0)))
-    harness.run(4.0)
-    codes = client.replies()
-    assert codes[0] == (0, OK)
-    assert (250, FAILURE) in codes
-    assert len(codes) == 260
-    harness.rest()
-    assert harness.stream(client, line(harness, 1)) == [(0, OK)]
 
 
 def test_a_ring_that_goes_round(harness: RobotHarness, client: Client) -> None:
@@ -352,40 +226,6 @@ def test_a_ring_that_goes_round(harness: RobotHarness, client: Client) -> None:
     assert len(harness.robot.gone_to) == 9 * 31
 
 
-@pytest.mark.parametrize('kind', [topic, request])
-def test_a_download_is_executed_when_it_is_complete(
-    harness: RobotHarness, client: Client, kind
-) -> None:
-    points = line(harness, 5)
-    sequences = [-1, 1, 2, 3, -3]
-    packets = [
-        kind(JointTrajPt(sequence, each.joints, 0.0, 0.2))
-        for sequence, each in zip(sequences, points, strict=True)
-    ]
-    client.send(*packets[:-1])
-    harness.run(0.5)
-    assert harness.robot.gone_to == []
-    client.send(packets[-1])
-    harness.rest()
-    assert [cp for *_, cp in harness.robot.gone_to] == [True] * 5
-    expected = [] if kind is topic else [(sequence, OK) for sequence in sequences]
-    assert client.replies() == expected
-
-
-def test_a_download_with_a_bad_point_is_refused_as_a_whole(
-    harness: RobotHarness, client: Client
-) -> None:
-    good, bad = (0.0,) * 10, (math.nan,) * 10
-    points = [(-1, good), (1, bad), (2, good), (-3, good)]
-    for kind, answers in ((request, [OK, FAILURE, FAILURE, FAILURE]), (topic, [])):
-        client.send(*(kind(JointTrajPt(n, joints, 0.1, 0.2)) for n, joints in points))
-        harness.run(0.3)
-        assert [code for _, code in client.replies()] == answers
-    harness.rest()
-    assert harness.robot.gone_to == []
-    assert harness.stream(client, line(harness, 2)) == [(0, OK), (1, OK)]
-
-
 def test_a_download_in_the_wrong_order_is_refused(harness: RobotHarness, client: Client) -> None:
     client.send(*(request(JointTrajPt(n, (0.0,) * 10, 0.1, 0.2)) for n in (-1, 2, -3)))
     harness.run(0.3)
@@ -394,29 +234,6 @@ def test_a_download_in_the_wrong_order_is_refused(harness: RobotHarness, client:
     client.send(request(line(harness, 1)[0]))
     harness.run(0.3)
     assert client.replies() == [(-1, FAILURE), (0, FAILURE), (0, OK)]
-
-
-def test_start_streaming_is_as_sequence_0(harness: RobotHarness, client: Client) -> None:
-    first, second = line(harness, 2)
-    begin = JointTrajPt(-2, first.joints, 0.0, 0.2)
-    assert harness.stream(client, [begin, second]) == [(-2, OK), (1, OK)]
-
-
-def test_ping_version_and_what_is_unknown(harness: RobotHarness, client: Client) -> None:
-    client.send_bytes(struct.pack('<4i', 12, 0, 2, 0))
-    unknown = request(Opaque(1599, bytes(8)))
-    used_again = request(Opaque(MessageType.PING, bytes(44)))
-    client.send(request(Ping()), request(Ping((3,) * 10)), request(GetVersion()), unknown)
-    client.send(topic(Opaque(1599)), reply(Ping(), ReplyCode.SUCCESS), topic(Ping()), used_again)
-    harness.run(0.1)
-    expected = [
-        reply(Ping(), ReplyCode.SUCCESS),
-        reply(Ping((0,) * 10), ReplyCode.SUCCESS),
-        reply(GetVersion((0, 2, 0)), ReplyCode.SUCCESS),
-        reply(Opaque(1599), ReplyCode.FAILURE),
-        reply(Ping(), ReplyCode.SUCCESS),
-    ]
-    assert client.raw() == b''.join(encode(each, LITTLE_ENDIAN) for each in expected)
 
 
 def test_the_arm_does_not_rest_while_points_are_there(
@@ -448,87 +265,11 @@ def test_the_port_belongs_to_one_client(harness: RobotHarness, client: Client) -
 
 
 HEARTBEAT = topic(Ping())
-TIMEOUT, SILENT = 0.5, 8004
-
-
-def packets(client: Client) -> list[tuple[int, int]]:
-    """Return message type and reply code of the answers since the last look."""
-    return [(each.msg_type, int(each.reply_code)) for each in client.packets()]
 
 
 def slow(harness: RobotHarness, count: int = 4) -> list:
     """Return requests for points that take the arm some seconds."""
     return [request(each) for each in line(harness, count, step=10.0, duration=2.0)]
-
-
-def test_a_client_that_hangs_has_its_points_dropped(harness: RobotHarness, client: Client) -> None:
-    client.send(HEARTBEAT, *slow(harness, 12))
-    harness.run(TIMEOUT - 0.05)
-    assert packets(client) == [(MessageType.JOINT_POSITION, OK)] * 8
-    assert harness.robot.move_now is not None
-    harness.run(0.2)
-    assert packets(client) == [
-        (MessageType.PING, FAILURE),
-        *[(MessageType.JOINT_POSITION, FAILURE)] * 4,
-    ]
-    harness.run(0.3)
-    assert harness.robot.move_now is None
-    assert harness.shared('g_point_error') == SILENT
-    at = harness.robot.position
-    harness.run(5.0)
-    assert (harness.robot.position, client.raw()) == (at, b'')  # it was told once
-
-
-def test_a_client_without_heartbeats_may_be_silent(harness: RobotHarness, client: Client) -> None:
-    client.send(request(Ping()), *slow(harness))
-    harness.rest()
-    assert packets(client) == [(MessageType.PING, OK), *[(MessageType.JOINT_POSITION, OK)] * 4]
-    assert len(harness.robot.gone_to) == 4
-
-
-@pytest.mark.parametrize('sign', [HEARTBEAT, request(Ping()), topic(Opaque(999))])
-def test_any_message_is_a_sign_of_life(harness: RobotHarness, client: Client, sign) -> None:
-    client.send(HEARTBEAT, *slow(harness))
-    for _ in range(20):
-        harness.run(TIMEOUT - 0.05)
-        client.send(sign)
-    assert len(harness.robot.gone_to) == 4
-    assert harness.shared('g_point_error') == 0
-
-
-def test_a_client_that_hung_must_send_stop_first(harness: RobotHarness, client: Client) -> None:
-    client.send(HEARTBEAT, *slow(harness))
-    harness.run(1.5)
-    client.packets()
-    at = harness.robot.position
-    client.send(
-        HEARTBEAT,
-        request(point(4, moved(at, j1=5.0), 0.5)),
-        request(point(0, moved(at, j1=5.0), 0.5)),
-        request(JointTrajPt(SpecialSequence.START_TRAJECTORY_DOWNLOAD)),
-    )
-    harness.run(1.0)
-    assert [code for _, code in packets(client)] == [FAILURE] * 3
-    assert harness.robot.position == at
-    assert harness.shared('g_point_error') == SILENT
-    client.send(request(STOP))
-    harness.run(0.2)
-    assert client.replies() == [(-4, OK)]
-    assert harness.stream(client, [point(0, moved(at, j1=1.0), 0.1)]) == [(0, OK)]
-    harness.rest()
-    assert close_to(harness.robot.position, moved(at, j1=1.0))
-
-
-def test_the_next_client_may_be_silent(harness: RobotHarness, client: Client) -> None:
-    client.send(HEARTBEAT, *slow(harness))
-    harness.run(1.5)
-    client.leave()
-    harness.run(0.5)
-    harness.enable()
-    following = harness.client()
-    following.send(*slow(harness))
-    harness.rest()
-    assert following.replies() == [(number, OK) for number in range(4)]
 
 
 def test_a_client_may_be_silent_while_no_main_takes_its_points(
@@ -543,15 +284,6 @@ def test_a_client_may_be_silent_while_no_main_takes_its_points(
     harness.enable()
     client.packets()
     assert harness.stream(client, [point(0, harness.robot.position, 0.1)]) == [(0, OK)]
-
-
-def test_an_arm_that_stands_needs_no_heartbeats(harness: RobotHarness, client: Client) -> None:
-    client.send(HEARTBEAT)
-    harness.stream(client, line(harness, 1))
-    harness.rest()
-    harness.run(5.0)
-    assert client.raw() == b''
-    assert harness.shared('g_point_error') == 0
 
 
 POINT_BYTES = 52

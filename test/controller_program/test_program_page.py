@@ -12,10 +12,12 @@ from pathlib import Path
 import pytest
 import test_conditions
 import test_io_server
+import test_motion_rules
 import test_motion_server
 import test_state_server
 from support.controller_harness import MODEL
 from support.examples import one_in
+from support.motion_server import motion_server
 from support.robot_program import (
     FILES,
     IO_PORT,
@@ -84,6 +86,7 @@ def test_the_page_s_measurement_finds_how_long_accelerations_take(caplog) -> Non
 PORTS = {
     test_state_server: STATE_PORT,
     test_motion_server: MOTION_PORT,
+    test_motion_rules: MOTION_PORT,
     test_io_server: IO_PORT,
     test_conditions: MOTION_PORT,
 }
@@ -98,14 +101,25 @@ LINES_OF_BYTES = 'bytes.prg'
 
 
 def _parameters(test: Callable[..., None]) -> Iterator[dict[str, object]]:
-    """Yield what pytest gives to a test, besides the fixtures."""
+    """Yield the parameters that pytest gives to a test of the SPEL+ program."""
     marks = [mark.args for mark in getattr(test, 'pytestmark', []) if mark.name == 'parametrize']
-    for values in product(*(values for _, values in marks)):
-        yield dict(zip((name for name, _ in marks), values, strict=True))
+    rows = []
+    for names, values in marks:
+        names = (names,) if isinstance(names, str) else names
+        values = [(each,) if len(names) == 1 else each for each in values]
+        rows.append([dict(zip(names, each, strict=True)) for each in values])
+    for chosen in product(*rows):
+        given = {name: value for row in chosen for name, value in row.items()}
+        if given.get('server', 'spel') == 'spel':
+            yield given
 
 
-def _run(test: Callable[..., None], port: int, given: dict[str, object]) -> None:
+def _run(test: Callable[..., None], port: int, given: dict[str, object], caplog: object) -> None:
     names = inspect.signature(test).parameters
+    if 'server' in names:
+        given['server'] = motion_server('spel')
+    if 'caplog' in names:
+        given['caplog'] = caplog
     if 'harness' in names:
         given['harness'] = harness = RobotHarness()
     if 'client' in names:
@@ -115,14 +129,14 @@ def _run(test: Callable[..., None], port: int, given: dict[str, object]) -> None
 
 
 @pytest.mark.slow
-def test_every_statement_is_executed() -> None:
+def test_every_statement_is_executed(caplog) -> None:
     """The tests of the servers and of main, run once more, leave no line of the program out."""
     with executed_lines() as lines:
         for module, port in PORTS.items():
             for name, test in vars(module).items():
                 if name.startswith('test_'):
                     for given in _parameters(test):
-                        _run(test, port, given)
+                        _run(test, port, given, caplog)
     missing = {
         (file, number, FILES[file].split('\n')[number - 1].strip())
         for file, found in lines.items()

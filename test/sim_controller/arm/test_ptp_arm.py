@@ -223,6 +223,22 @@ def test_invariant_7_a_wrong_point_is_refused_and_nothing_moves():
     assert arm.has_room
 
 
+@pytest.mark.invariant(2)
+def test_inv2_rounding_near_a_limit_does_not_pass_it():
+    random = np.random.default_rng(0)
+    for _ in range(300):
+        start, target = random.uniform(LOW, HIGH, (2, 6))
+        joint = random.integers(6)
+        target[joint] = HIGH[joint]
+        arm, timer = (PointToPoint(LIMITS, start, 0.5, 0.5) for _ in range(2))
+        for each in (arm, timer):
+            each.take(Point(0, target, 0.0, 0.0))
+        duration = 1000.0 - timer.step(1000.0)
+        arm.step(duration * (1.0 - 1e-7))
+        assert arm.moving
+        assert arm.position[joint] <= HIGH[joint]
+
+
 # ---- Go … CP
 
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Downloads: a trajectory that comes as a whole, and only then moves the arm."""
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -20,8 +19,6 @@ from support.program_harness import (
     profile,
     rounded,
 )
-
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 
 FIRST, LAST, STOP = -1, -3, -4
 DOWNLOAD = profile('simulated').download
@@ -41,22 +38,6 @@ def new_harness(name='simulated', buffer=1000, overflow='refuse', dead_time=0.0,
     return ProgramHarness(name, download=download, **changes)
 
 
-def test_topics_are_not_answered_and_the_arm_goes_when_the_last_has_come():
-    harness = new_harness()
-    *before, last = trajectory(20)
-    for message in before:
-        harness.send(message)
-        harness.step(0.1)
-    assert harness.joints == list(HOME)
-    assert harness.events == []
-    harness.send(last)
-    assert harness.arm.moving
-    harness.rest()
-    assert harness.joints == rounded(THERE)
-    assert harness.events == ['began', *range(20)]
-    assert harness.take_sent() == b''
-
-
 def test_requests_are_answered_when_the_program_is_done_with_them():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(3, REQUEST))
@@ -67,30 +48,6 @@ def test_requests_are_answered_when_the_program_is_done_with_them():
     at = {codes[0]: 0.01 * (i + 1) for i, codes in enumerate(seen) if codes}
     assert list(at) == [(FIRST, SUCCESS), (1, SUCCESS), (LAST, SUCCESS)]
     assert list(at.values()) == pytest.approx([0.1, 0.2, 0.3], abs=0.011)
-
-
-def test_topics_that_are_still_on_their_way_after_a_stop_are_not_answered():
-    harness = new_harness()
-    first, second, third, last = trajectory(4)
-    harness.send(first, second, point(STOP))
-    assert harness.codes() == [(STOP, SUCCESS)]
-    harness.send(third, last)
-    assert harness.take_sent() == b''
-    assert harness.errors.number == ErrorNumber.CORRUPT_MESSAGE
-    harness.send(point(0, THERE))
-    harness.rest()
-    assert harness.codes() == [(0, SUCCESS)]
-    assert harness.joints == rounded(THERE)
-
-
-def test_requests_are_answered_when_they_are_kept():
-    harness = new_harness()
-    for message, sequence in zip(trajectory(4, REQUEST), (FIRST, 1, 2, LAST), strict=True):
-        harness.send(message)
-        assert harness.codes() == [(sequence, SUCCESS)]
-    harness.rest()
-    assert harness.joints == rounded(THERE)
-    assert harness.codes() == []
 
 
 @pytest.mark.parametrize('number', [2, 11, 100])
@@ -123,18 +80,6 @@ def test_the_measured_dead_time_is_that_of_the_rc620():
     assert not harness.arm.moving
     harness.step(0.011, 0.001)
     assert harness.arm.moving
-
-
-def test_each_of_two_downloads_waits_for_its_own_dead_time():
-    harness = new_harness(dead_time=0.1)
-    harness.send(*trajectory(2, joints=HOME))
-    harness.step(0.21, 0.001)
-    assert harness.events == ['began', 0, 1]
-    harness.send(*trajectory(3, joints=HOME))
-    harness.step(0.29, 0.001)
-    assert len(harness.events) == 3
-    harness.step(0.02, 0.001)
-    assert len(harness.events) == 7
 
 
 def test_a_stop_ends_the_dead_time_too():
@@ -216,63 +161,6 @@ def test_two_downloads_are_gone_through_one_after_the_other():
     assert harness.events == ['began', 0, 1, 2, 'began', 0, 1, 2]
 
 
-# ---- invariant 1: nothing of a download moves that did not come to its end
-
-
-REFUSED = {
-    'outside a limit': (OUTSIDE, 4001),
-    'not a number': ((0.0, math.nan), 8000),
-}
-
-
-@pytest.mark.invariant(1)
-@pytest.mark.parametrize('comm_type', [TOPIC, REQUEST])
-@pytest.mark.parametrize('at', [0, 3, 9])
-@pytest.mark.parametrize('name', REFUSED)
-def test_invariant_1_a_bad_point_refuses_the_whole_and_its_cause_stays_shown(name, at, comm_type):
-    joints, error = REFUSED[name]
-    messages = trajectory(10, comm_type)
-    sequence = [FIRST, *range(1, 9), LAST][at]
-    messages[at] = point(sequence, joints, comm_type)
-    harness = new_harness()
-    harness.send(*messages)
-    assert harness.error == error
-    codes = [code for _, code in harness.codes()]
-    assert codes == ([] if comm_type == TOPIC else [SUCCESS] * at + [FAILURE] * (10 - at))
-    harness.step(2.0)
-    assert (harness.joints, harness.events) == (list(HOME), [])
-    harness.send(*trajectory(3))  # the next one works
-    harness.rest()
-    assert harness.joints == rounded(THERE)
-    assert harness.error == 0
-
-
-@pytest.mark.invariant(1)
-def test_invariant_1_a_new_beginning_replaces_what_has_come():
-    harness = new_harness()
-    harness.send(*trajectory(10)[:-1], *trajectory(2, joints=HOME))
-    harness.rest()
-    assert (harness.joints, harness.events) == (list(HOME), ['began', 0, 1])
-
-
-@pytest.mark.invariant(3)
-@pytest.mark.parametrize('dead_time', [0.0, 0.1])
-def test_invariant_3_a_stop_ends_a_download_in_every_phase(dead_time):
-    messages = trajectory(5)
-    for number in range(1, 6):
-        harness = new_harness(dead_time=dead_time)
-        harness.send(*messages[:number])
-        harness.step(0.05)
-        harness.send(point(STOP))
-        assert harness.codes() == [(STOP, SUCCESS)]
-        harness.step(3.0)
-        assert harness.joints[0] < 0.1
-        assert not harness.arm.moving
-        harness.send(point(LAST, THERE, TOPIC), point(0, HOME))
-        harness.rest()
-        assert harness.codes() == [(0, SUCCESS)]
-
-
 @pytest.mark.invariant(1)
 def test_invariant_1_a_lost_client_ends_a_download():
     for number in (3, 5):
@@ -296,18 +184,6 @@ def test_an_abort_drops_the_rest_of_a_download_without_a_word():
     assert (harness.joints, harness.error, harness.take_sent()) == (list(HOME), 0, b'')
 
 
-def test_without_motors_a_download_is_refused():
-    harness = new_harness()
-    harness.blocked = Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off')
-    messages = trajectory(5)
-    harness.send(*messages[:3])
-    harness.blocked = None
-    harness.send(*messages[3:])
-    harness.step(1.0)
-    assert harness.error == 4031
-    assert harness.joints == list(HOME)
-
-
 @pytest.mark.parametrize('sequence', [1, 0, LAST, -2, -5])
 def test_a_topic_that_belongs_to_no_download_is_refused(sequence):
     harness = new_harness()
@@ -320,13 +196,6 @@ def test_a_topic_that_belongs_to_no_download_is_refused(sequence):
     assert harness.joints[0] < 0.3
 
 
-def test_an_end_without_a_beginning_is_refused(caplog):
-    harness = new_harness()
-    harness.send(point(LAST, THERE))
-    assert harness.codes() == [(LAST, FAILURE)]
-    assert 'no download is under way' in caplog.text
-
-
 def test_a_corrupt_message_ends_a_download():
     harness = new_harness()
     messages = trajectory(5)
@@ -334,13 +203,6 @@ def test_a_corrupt_message_ends_a_download():
     harness.step(2.0)
     assert harness.joints == list(HOME)
     assert harness.error == 8000
-
-
-def test_a_reply_never_begins_a_download():
-    harness = new_harness()
-    harness.send(frame(11, 3, 1, point(FIRST, THERE)[16:]), point(LAST, THERE, TOPIC))
-    assert harness.codes() == []
-    assert not harness.arm.moving
 
 
 # ---- beside streaming
