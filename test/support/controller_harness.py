@@ -22,7 +22,7 @@ from support.ros_peer import PATIENCE
 
 
 class Remote:
-    """Lines in, answers out; `harness` has the controller."""
+    """A client of the remote port of the harness's controller."""
 
     def __init__(self, harness=None, login='Login'):
         self.harness = harness or Harness(motors=False)
@@ -61,7 +61,7 @@ PROFILE = replace(
     motion=replace(SIMULATED.motion, statement_overhead=0.0),
     servo=replace(SIMULATED.servo, lag=0.0, encoder=False),
 )
-"""Joints that are where they are commanded to be, to the last bit, and statements at once."""
+"""A profile without servo lag, encoder rounding and statement overhead."""
 
 LIMITS = MODEL.limits
 STOP = -4
@@ -101,7 +101,7 @@ def split(data, order='<'):
 
 
 class InlinePlanner:
-    """Plans at once, in the step that asks, and answers `delay` s later on the harness's clock."""
+    """A planner that plans in the requesting step and answers `delay` s later."""
 
     def __init__(self, delay=0.0):
         self.ready = True
@@ -139,7 +139,7 @@ class InlinePlanner:
 
 
 class Peer:
-    """What a client of a port got, and whether its connection was ended."""
+    """The received bytes of a client, and how its connection was ended."""
 
     def __init__(self, local=True):
         self.local = local
@@ -163,9 +163,9 @@ class Peer:
 
 
 class Harness:
-    """A controller with one client; `motors` says whether they are on already.
+    """A controller with one client. It moves smoothly if it has a planner, else point to point.
 
-    Point to point, or smooth with a planner.
+    motors: whether the motors are on at the start.
     """
 
     def __init__(
@@ -224,7 +224,7 @@ class Harness:
         return [(reply.sequence, reply.reply_code) for reply in self.replies()]
 
     def rest(self, dt=0.004, most=60.0):
-        """Step until the arm stands; return the time it took, s."""
+        """Step until the arm is at rest, and return the time needed, s."""
         steps = 0
         while self.controller.in_motion:
             assert steps * dt < most
@@ -237,7 +237,7 @@ class Harness:
             self._step(dt)
 
     def run(self, most=60.0, dt=0.004):
-        """Step until the arm stands; return the joints before and after every step."""
+        """Step until the arm is at rest, and return the joints before and after every step."""
         trace = [self.joints]
         while self.controller.in_motion:
             assert len(trace) * dt < most
@@ -259,6 +259,19 @@ class Harness:
     @property
     def error(self):
         return self.controller.status().error_code
+
+
+def assert_within_limits(path, dt=0.004, slack=1e-3):
+    """Assert that joints sampled every `dt` s keep the limits, except for a fraction `slack`.
+
+    Divided differences are means of the derivatives, so the limits apply to them too.
+    """
+    path = np.array(path)
+    assert np.all(path >= LIMITS.position_min)
+    assert np.all(path <= LIMITS.position_max)
+    for order, limit in enumerate((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk), start=1):
+        differences = np.abs(np.diff(path, order, axis=0)) / dt**order
+        assert np.all(differences <= limit * (1.0 + slack)), f'derivative {order}'
 
 
 def _measure(dense):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults, transports and a clock for tests; a controller that writes down what it is actions."""
+"""Faults, transports and a clock for tests, and a controller that records its calls."""
 
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.faults.faults import Faults, parse
@@ -36,7 +36,7 @@ def ask(number):
 
 
 class RecordedActions:
-    """The controller's side of faults: writes down what it is told to do, and when."""
+    """The controller's side of faults. It records its calls and their times."""
 
     def __init__(self, clock):
         self.clock = clock
@@ -57,7 +57,7 @@ class RecordedActions:
 
 
 class Client:
-    """What arrives at the other end: (time, segment), and whether the transport hung up."""
+    """The peer of a transport: received segments with their times, and disconnections."""
 
     def __init__(self, harness, port):
         self.harness = harness
@@ -89,7 +89,7 @@ class Client:
 
 
 class FaultHarness:
-    """Faults on a clock of their own, and clients as needed."""
+    """Faults on a manual clock, and clients as needed."""
 
     def __init__(self, seed=0):
         self.clock = Clock()
@@ -109,7 +109,7 @@ class FaultHarness:
         self.clock.advance(self.clock.now + seconds)
 
     def stream(self, client, count, period=0.005):
-        """Send so many state messages, one each period; return them."""
+        """Send `count` state messages, one per period, and return them."""
         messages = [state(number) for number in range(count)]
         for message in messages:
             client.send(message)

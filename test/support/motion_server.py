@@ -29,7 +29,7 @@ class MotionServer:
     send: Any
     """Sends frames and lets the program read them."""
     limit_tolerance = 0.0
-    """Accepted distance beyond a limit besides the rounding to float32, rad."""
+    """Accepted distance beyond a limit in addition to the rounding to float32, rad."""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A motion program with an arm and a clock, without a controller; bytes made with struct."""
+"""A motion program with an arm and a clock, without a controller."""
 
 import struct
 from dataclasses import replace
@@ -40,7 +40,7 @@ def profile(name, **changes):
 
 
 class ProgramHarness:
-    """`name` is the controller's profile; `changes` are other values of its program."""
+    """`name` is the controller's profile, and `changes` are other values of its program."""
 
     def __init__(self, name='simulated', pending_limit=1000, cp=False, **changes):
         self.profile = profile(name, **changes)
@@ -82,11 +82,11 @@ class ProgramHarness:
         self.arm.take = record  # type: ignore[method-assign]
 
     def make_arm(self, arm):
-        """Return the arm that the program gets; a test may put something before it."""
+        """Return the program's arm. A test may wrap it."""
         return arm
 
     def began(self):
-        """Take note that a trajectory begins; a test may have something else done."""
+        """Record the start of a trajectory. A test may replace this."""
         self.events.append('began')
 
     def send(self, *frames):
@@ -110,16 +110,16 @@ class ProgramHarness:
         return codes
 
     def step(self, seconds, dt=0.004):
-        """Let time pass as the controller does: the arm, then what is due."""
+        """Advance the arm, then the timers, like the controller."""
         until = self.clock.now + seconds
         while self.clock.now < until - 1e-9:
             then = min(self.clock.now + dt, until)
-            if self.arm.moving:  # as the controller, which does nothing at rest
+            if self.arm.moving:  # like the controller
                 self.program.step(then - self.clock.now)
             self.clock.advance(then)
 
     def rest(self, most=60.0):
-        """Step until the arm has nothing to do; return the time it took, s."""
+        """Step until the arm is at rest, and return the time needed, s."""
         begin = self.clock.now
         while self.arm.moving:
             assert self.clock.now < begin + most

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A scripted Remote Ethernet port: what each command is answered, in lines."""
+"""A Remote Ethernet port with scripted answers."""
 
 import asyncio
 import contextlib
@@ -12,8 +12,8 @@ HOME = '#Execute,"0 0 0 0 0 0 1"'
 class RemotePeer:
     """Answers each line by its name: a text, None for no answer, or a function of the line.
 
-    `delay`: s before each answer. `blank`: s between empty lines, 0 for none. `lines` are those
-    that came, of all connections.
+    `delay`: time before each answer, s. `blank`: time between empty lines, s, 0 for none. `lines`:
+    received lines of all connections.
     """
 
     def __init__(self, delay=0.0, **answers):

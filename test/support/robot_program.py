@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""controller_program/ on a robot that moves in a simple way, with clients that a test plays.
+"""controller_program/ on a simple robot, with clients controlled by the test.
 
-Nothing runs by itself: `RobotHarness.run` lets a time pass, in steps of 5 ms of the controller's
-clock. The same calls give the same bytes.
+Only `RobotHarness.run` advances the controller's clock, in steps of 5 ms. The same calls give the
+same bytes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,13 +42,13 @@ FILES = read_project(FOLDER)
 
 STATE_PORT, MOTION_PORT, IO_PORT = 201, 202, 203
 PULSES = (29127.11, 29127.11, 25486.22, 23616.58, 23616.58, 18204.44)
-"""Of each joint for a degree."""
+"""Pulses per degree of each joint."""
 LOWEST = (-170.0, -160.0, -51.0, -200.0, -135.0, -360.0)
 HIGHEST = (170.0, 65.0, 225.0, 200.0, 135.0, 360.0)
 FASTEST = (450.0, 450.0, 514.0, 553.0, 553.0, 720.0)
 """Degrees, degrees/s."""
 BRAKING_S = 0.05
-"""How long the arm goes on, ever slower, after a stop."""
+"""Time for which the arm decelerates after a stop, s."""
 OUT_OF_RANGE, TASK_GONE = 4001, 2261
 STEP_S = 0.005
 
@@ -56,7 +56,7 @@ _machines: list[Machine] | None = None
 
 
 class Move:
-    """One motion along a line in joint space, at an even speed."""
+    """A motion along a line in joint space at constant speed."""
 
     def __init__(
         self, start: Sequence[float], end: Sequence[float], begins: float, duration: float
@@ -69,12 +69,12 @@ class Move:
 
     @property
     def done(self) -> bool:
-        """Return whether the statement is over."""
+        """Whether the statement has ended."""
         return self.over
 
     @property
     def share(self) -> float:
-        """Return 1 once it is over."""
+        """1 after the end, else 0."""
         return float(self.over)
 
     def at(self, now: float) -> tuple[float, ...]:
@@ -84,7 +84,7 @@ class Move:
 
 
 class Rest:
-    """What WaitPos waits for."""
+    """The condition of WaitPos."""
 
     error = None
 
@@ -93,17 +93,17 @@ class Rest:
 
     @property
     def done(self) -> bool:
-        """Return whether the arm stands."""
+        """Whether the arm is at rest."""
         return self._robot.move_now is None
 
     @property
     def share(self) -> float:
-        """Return 1 once it is over."""
+        """1 after the end, else 0."""
         return float(self.done)
 
 
 class Socket:
-    """A port that the program has opened, and the client that may be at it."""
+    """A port opened by the program, and its client."""
 
     def __init__(self, settings: NetSettings) -> None:
         self.settings = settings
@@ -114,7 +114,7 @@ class Socket:
 
 
 class SimpleRobot(ScriptedHost):
-    """An arm of six joints, its motors, its conditions; everything by the machine's clock."""
+    """An arm with six joints, motors and conditions on the machine's clock."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -124,7 +124,7 @@ class SimpleRobot(ScriptedHost):
         self.gone_to: list[tuple[tuple[float, ...], float, float, bool]] = []
         """Targets of Go with Speed, Accel and whether it had CP."""
         self.times: list[float] = []
-        """When each of them began, s."""
+        """Start time of each of them, s."""
         self.path: list[tuple[float, tuple[float, ...]]] = []
         self.fails_with = 0
         self.states.update(ctrlinfo=1)
@@ -146,7 +146,7 @@ class SimpleRobot(ScriptedHost):
         return self.joints if self.move_now is None else self.move_now.at(self.now)
 
     def tick(self) -> None:
-        """Let the arm get to where it is at this time, and look at Till."""
+        """Move the arm to its current position, and evaluate Till."""
         self.path.append((self.now, self.position))
         move = self.move_now
         if move is None:
@@ -171,7 +171,7 @@ class SimpleRobot(ScriptedHost):
         move.over = True
 
     def _brake(self, move: Move) -> None:
-        """Go on along the line for a while, and be over then."""
+        """Continue along the line for the braking time, then end."""
         self.till_on = -1
         here = move.at(self.now)
         further = move.at(self.now + BRAKING_S / 2)
@@ -180,7 +180,7 @@ class SimpleRobot(ScriptedHost):
         move.request = None
 
     def halt(self) -> None:
-        """Stand at once, motors off: an E-stop."""
+        """Stop immediately with motors off, as an E-stop does."""
         move = self.move_now
         self.joints = self.position
         self.motors = self.power = False
@@ -273,7 +273,7 @@ class SimpleRobot(ScriptedHost):
 
 
 class Client:
-    """A client of one port: what it sends, and the messages that it has got."""
+    """A client of one port."""
 
     def __init__(self, socket: Socket) -> None:
         self.socket = socket
@@ -283,7 +283,7 @@ class Client:
 
     @property
     def open(self) -> bool:
-        """Return whether the program still has the connection."""
+        """Whether the program has kept the connection."""
         return not self.socket.closed_by_program
 
     def send(self, *packets: Packet) -> None:
@@ -295,13 +295,13 @@ class Client:
         self.socket.incoming += data
 
     def raw(self) -> bytes:
-        """Return the bytes that have come since the last look."""
+        """Return the bytes received since the last call."""
         data = self.socket.sent[self._taken :]
         self._taken = len(self.socket.sent)
         return data
 
     def packets(self) -> list[Packet]:
-        """Return the messages that have come since the last look."""
+        """Return the messages received since the last call."""
         self._framer.receive_data(self.raw())
         found = []
         while (frame := self._framer.next_frame()) is not None:
@@ -309,20 +309,19 @@ class Client:
         return found
 
     def replies(self) -> list[tuple[int, int]]:
-        """Return sequence and reply code of the replies since the last look."""
+        """Return sequence and reply code of the replies since the last call."""
         found: list[Any] = self.packets()
         return [(each.message.sequence, int(each.reply_code)) for each in found]
 
     def leave(self) -> None:
-        """Be gone."""
+        """Disconnect."""
         self.socket.connected = False
 
 
 class RobotHarness:
-    """The program on the robot; with `ready`, motors on and main running, as after an enable.
+    """The program on the robot. `ready`: motors on and main running, as after an enable.
 
-    `changes` are those in config.inc; FULL_POWER is on, as after the first run, unless they say
-    otherwise.
+    changes: other values in config.inc. FULL_POWER is on by default.
     """
 
     def __init__(self, ready: bool = True, sign: int = 1, **changes: str) -> None:
@@ -342,11 +341,11 @@ class RobotHarness:
         self.run(0.3)
 
     def start_main(self) -> None:
-        """Do what Start does, with the preference that global variables are kept."""
+        """Start main without clearing global variables, like Start."""
         self.machine.start('main', clear=False)
 
     def run(self, seconds: float) -> None:
-        """Let a time pass."""
+        """Advance the time."""
         end = self.machine.time + seconds
         while self.machine.time < end:
             self._next += STEP_S
@@ -354,10 +353,10 @@ class RobotHarness:
             self.robot.tick()
 
     def run_until(self, done, seconds: float = 20.0) -> None:
-        """Let time pass until something holds; fail if it does not within a time."""
+        """Advance the time until a condition holds. Fail after `seconds`."""
         end = self.machine.time + seconds
         while not done():
-            assert self.machine.time < end, 'it did not happen'
+            assert self.machine.time < end, 'the condition did not become true'
             self.run(STEP_S)
 
     def client(self, port: int = MOTION_PORT) -> Client:
@@ -368,7 +367,7 @@ class RobotHarness:
         return client
 
     def stream(self, client: Client, points: Sequence[JointTrajPt]) -> list[tuple[int, int]]:
-        """Send points one after the other, each when the one before is answered."""
+        """Send points, each after the reply to the previous one, and return the replies."""
         answers: list[tuple[int, int]] = []
         for point in points:
             client.send(request(point))
@@ -383,7 +382,7 @@ class RobotHarness:
         return answers
 
     def rest(self) -> None:
-        """Let the arm come to rest with no point left."""
+        """Advance the time until the arm is at rest without points."""
         self.run(0.3)
         self.run_until(
             lambda: self.robot.move_now is None and self.shared('g_head') == self.shared('g_tail')
@@ -399,13 +398,13 @@ class RobotHarness:
         return number in self.machine.world.tasks
 
     def press_estop(self) -> None:
-        """Do what the button does."""
+        """Press the E-stop."""
         self.robot.states['estopon'] = -1
         self.robot.halt()
         self.machine.emergency_stop()
 
     def enable(self) -> None:
-        """Release, reset, motors on, start."""
+        """Release the E-stop, reset, switch motors on and start main."""
         self.robot.states['estopon'] = 0
         self.robot.states['erroron'] = 0
         self.machine.stop()
@@ -417,7 +416,7 @@ class RobotHarness:
 
 @contextmanager
 def executed_lines() -> Iterator[dict[str, dict[int, bool]]]:
-    """Collect, by file and line, whether a machine made meanwhile has run it all."""
+    """Collect by file and line whether the machines of this context have executed it."""
     global _machines
     _machines = []
     found: dict[str, dict[int, bool]] = {}
@@ -433,7 +432,7 @@ def executed_lines() -> Iterator[dict[str, dict[int, bool]]]:
 
 
 def changed(**values: str) -> dict[str, str]:
-    """Return the files with other values in config.inc; '' turns a switch off, '1' on."""
+    """Return the files with other values in config.inc ('' disables a switch, '1' enables it)."""
     lines = []
     left = dict(values)
     for line in FILES['config.inc'].split('\n'):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A Remote Ethernet port that takes its time to switch a simulated controller's motors."""
+"""A slow Remote Ethernet port of a simulated controller."""
 
 import asyncio
 
@@ -15,9 +15,9 @@ EVENTS = {
 
 
 class SlowRemote(RemotePeer):
-    """Obeys `delay` s after it was told, whatever becomes of who told it; answers then.
+    """Executes each command after `delay` s, even if its client has disconnected, and answers.
 
-    `obeyed` are the commands so far. `told` is set with the first one that comes.
+    `obeyed` contains the executed commands. `told` is set by the first command.
     """
 
     def __init__(self, controller, delay):

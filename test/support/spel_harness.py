@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""SPEL+ programs on a host whose ports, buttons and arm a test plays."""
+"""SPEL+ programs on a host with ports, buttons and an arm controlled by the test."""
 
 from collections.abc import Sequence
 from textwrap import dedent
@@ -26,7 +26,7 @@ from epson_driver.spel.values import Array, Point
 
 
 class Motion:
-    """A motion, or motors being switched: over when the test says so."""
+    """A motion or a switching of motors that the test ends."""
 
     def __init__(self, request: MotionRequest | None = None) -> None:
         self.request = request
@@ -36,7 +36,7 @@ class Motion:
 
 
 class Peer:
-    """Who is at the other end of a port."""
+    """The peer of a port."""
 
     def __init__(self, settings: NetSettings, server: bool) -> None:
         self.settings = settings
@@ -61,7 +61,7 @@ SPEL_SETTINGS = {
 
 
 class ScriptedHost:
-    """A host that keeps what is set, with peers on its ports, and motions that the test ends."""
+    """A host that stores settings, with peers on its ports and motions ended by the test."""
 
     def __init__(self) -> None:
         self.terminal = self.network = self
@@ -70,7 +70,7 @@ class ScriptedHost:
         self.failures: list[TaskError] = []
         self.bits: dict[Memory, dict[int, int]] = {memory: {} for memory in Memory}
         self.states: dict[str, int] = {}
-        """What functions of the controller return that are not worked out here."""
+        """Return values of functions that are not computed."""
         self.settings: dict[str, tuple[float, ...]] = {}
         self.motors = self.power = False
         self.here = Point('xy', (0.0,) * 6)
@@ -216,7 +216,7 @@ def machine(source: str, host: ScriptedHost | None = None, **timing: Any) -> Mac
 
 
 def run(source: str, seconds: float = 10.0, host: ScriptedHost | None = None) -> ScriptedHost:
-    """Run main of a program for a time; return its host."""
+    """Run main of a program for a time, and return its host."""
     host = host or ScriptedHost()
     made = machine(source, host)
     made.start()
@@ -225,7 +225,7 @@ def run(source: str, seconds: float = 10.0, host: ScriptedHost | None = None) ->
 
 
 def printed(body: str, declarations: str = '', before: str = '') -> list[str]:
-    """Return the lines that the statements of a main print; no error may end it."""
+    """Return the lines printed by the statements of a main, which must not fail."""
     lines = '\n'.join(f'  {line.strip()}' for line in dedent(body).strip().splitlines())
     source = f'{before}\n{declarations}\nFunction main\n{lines}\nFend\n'
     host = run(source)
@@ -234,7 +234,7 @@ def printed(body: str, declarations: str = '', before: str = '') -> list[str]:
 
 
 def value(expression: str, declarations: str = '') -> str:
-    """Return what Print shows of an expression."""
+    """Return the printed value of an expression."""
     lines = printed(f'Print {expression}', declarations)
     assert len(lines) == 1
     return lines[0]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """SPEL+ programs on a simulated controller with a manual clock, and clients without sockets."""
 
+import logging
 import re
 import struct
 from textwrap import dedent
@@ -25,14 +26,18 @@ STEP_S = 0.002
 
 
 class SpelProgramHarness:
-    """A controller that runs `source`; the highest velocity and acceleration are kept."""
+    """A controller that runs `source`. It records the commanded positions."""
 
     def __init__(self, source, caplog=None, profile=PROFILE, model=MODEL, start=None, **files):
         files = {f'{name}.prg': dedent(text) for name, text in files.items()}
         program = build({'main.prg': dedent(source), **files})
         spel = SpelSource(program, program_network(profile))
-        self.controller = new_controller(model, profile, start, spel=spel)
-        self.caplog = caplog
+        self._start(new_controller(model, profile, start, spel=spel), caplog)
+
+    def _start(self, controller, caplog):
+        self.controller, self.caplog = controller, caplog
+        if caplog is not None:
+            caplog.set_level(logging.INFO)
         self.positions = [self.position]
 
     def do(self, *events):
@@ -40,18 +45,18 @@ class SpelProgramHarness:
             self.controller.apply(Event(event))
 
     def step(self, seconds):
-        """Let time pass in motion cycles; where the arm is commanded to be is kept for each."""
+        """Advance the time in motion cycles and record the commanded positions."""
         for _ in range(round(seconds / STEP_S)):
             self.controller.step(STEP_S)
             self.positions.append(self.position)
 
     def until(self, predicate, seconds=20.0):
-        """Let time pass until something is so; fail if it is not in `seconds`."""
+        """Advance the time until a condition holds. Fail after `seconds`."""
         for _ in range(round(seconds / STEP_S)):
             if predicate():
                 return
             self.step(STEP_S)
-        raise AssertionError('it did not come')
+        raise AssertionError('the condition did not become true')
 
     @property
     def position(self):
@@ -68,12 +73,12 @@ class SpelProgramHarness:
 
     @property
     def printed(self):
-        """Return what was printed, line by line, without time and task."""
+        """Return the printed lines without time and task."""
         found = (re.search(r' s task \d+ \w+: (.*)', each) for each in self.caplog.messages)
         return [each[1] for each in found if each]
 
     def client(self, port):
-        """Connect; return the connection and its peer."""
+        """Connect, and return the connection and its peer."""
         peer = Peer()
         connection = self.controller.connect(port, peer)
         return connection, peer
@@ -89,9 +94,15 @@ class SpelProgramHarness:
             float(np.max(np.abs(acceleration) / limits.acceleration)),
         )
 
+    def assert_within_limits(self):
+        """Assert the velocity and acceleration limits of the joints for all cycles."""
+        velocity, acceleration = self.within_limits()
+        assert velocity <= 1.001
+        assert acceleration <= 1.01
+
 
 class OurProgramHarness(SpelProgramHarness):
-    """The same with controller_program/, as the profile `spel` has it; `defines` change it."""
+    """A controller with controller_program/ in the profile `spel`, changed by `defines`."""
 
     def __init__(self, start=None, caplog=None, profile=SPEL_PROFILE, model=MODEL, **defines):
         files = with_defines(profile_project(profile.spel, model), defines)
@@ -101,12 +112,10 @@ class OurProgramHarness(SpelProgramHarness):
         network = program_network(profile)
         start = None if start is None else np.array(start)
         source = SpelSource(_built[key], network)
-        self.controller = new_controller(model, profile, start, spel=source)
-        self.caplog = caplog
-        self.positions = [self.position]
+        self._start(new_controller(model, profile, start, spel=source), caplog)
 
     def ready(self):
-        """Motors on and main running, a motion client connected; return connection and peer."""
+        """Switch motors on, connect a motion client, and return the connection and its peer."""
         self.step(0.5)
         self.do('motors on')
         motion, peer = self.client('motion')
@@ -114,13 +123,13 @@ class OurProgramHarness(SpelProgramHarness):
         return motion, peer
 
     def replies(self, peer):
-        """Return sequence and reply code of what a motion client has got since the last call."""
+        """Return sequence and reply code of the replies to a motion client since the last call."""
         return [
             (struct.unpack_from('<i', body)[0], code) for _, _, code, body in split(peer.take())
         ]
 
     def stream(self, motion, peer, trajectory, most=60.0):
-        """Send a trajectory as a driver does, each point when the one before is answered."""
+        """Send a trajectory like the driver, each point after the previous reply."""
         durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
         for number, (joints, seconds) in enumerate(
             zip(trajectory.positions.tolist(), durations, strict=True)
@@ -130,7 +139,7 @@ class OurProgramHarness(SpelProgramHarness):
             assert self.replies(peer) == [(number, SUCCESS)]
 
     def rest(self, most=60.0):
-        """Let time pass until the arm stands, and a little more."""
+        """Advance the time until shortly after the arm has come to rest."""
         self.until(lambda: not self.controller.in_motion, most)
         self.step(0.1)
 
