@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Port objects of a SPEL+ program: what they refuse, and what becomes of bytes nobody reads."""
+"""Port objects of a SPEL+ program: rejections and unread bytes."""
 
 import errno
-import logging
 import os
 
 import pytest
@@ -15,20 +14,15 @@ from epson_driver.spel import NetSettings, SpelError
 SETTINGS = NetSettings('', 2001)
 
 
-@pytest.fixture(autouse=True)
-def _all_is_logged(caplog):
-    caplog.set_level(logging.INFO)
-
-
-def opened():
+def new_network():
     """Return a network with the motion port open as #201."""
     network = ProgramNetwork({2001: 'motion'})
     network.open_net(201, SETTINGS, True)
     return network
 
 
-def test_what_comes_after_the_program_has_closed_its_port_is_nobodys():
-    network, sent, closed = opened(), [], []
+def test_bytes_after_a_closed_port_are_dropped():
+    network, sent, closed = new_network(), [], []
     session = network.session('motion', sent.append, lambda: closed.append(True))
     session.receive(b'abc')
     assert network.received(201) == b'abc'
@@ -42,16 +36,16 @@ def test_what_comes_after_the_program_has_closed_its_port_is_nobodys():
     assert sent == [b'answer']
 
 
-@pytest.mark.parametrize(('port', 'said'), [(201, 'TCP port 2001'), (202, 'port 202')])
-def test_nothing_is_sent_to_a_peer_that_is_not_there(port, said):
-    network = opened()
-    with pytest.raises(SpelError, match=f'{said} has no peer') as refused:
+@pytest.mark.parametrize(('port', 'text'), [(201, 'TCP port 2001'), (202, 'port 202')])
+def test_nothing_is_sent_without_a_peer(port, text):
+    network = new_network()
+    with pytest.raises(SpelError, match=f'{text} has no peer') as refused:
         network.send(port, b'x')
     assert refused.value.number == 2902
 
 
-def test_a_client_of_a_port_that_is_not_open_is_not_served():
-    network = opened()
+def test_client_of_a_closed_port_is_not_served():
+    network = new_network()
     assert network.rejection('motion') is None
     with pytest.raises(ConnectionRefusedError, match='has not opened the state port'):
         network.session('state', lambda _: None, lambda: None)
@@ -61,7 +55,7 @@ def test_a_client_of_a_port_that_is_not_open_is_not_served():
 
 
 @pytest.mark.parametrize(
-    ('statements', 'said'),
+    ('statements', 'text'),
     [
         ('OpenNet #203 As Server', 'port 203 has no TCP port: SetNet gives it one, or --net'),
         (
@@ -71,15 +65,15 @@ def test_a_client_of_a_port_that_is_not_open_is_not_served():
         ),
     ],
 )
-def test_a_port_that_cannot_be_opened_is_error_2900(caplog, statements, said):
+def test_port_that_cannot_be_opened_is_error_2900(caplog, statements, text):
     harness = SpelProgramHarness(f'Function main\n{statements}\nFend\n', caplog)
     harness.step(0.1)
     assert harness.controller.error_number == 2900
     line = len(statements.split('\n')) + 1
-    assert f'main.prg:{line}: error 2900 in main (task 1): {said}' in caplog.text
+    assert f'main.prg:{line}: error 2900 in main (task 1): {text}' in caplog.text
 
 
-def test_a_tcp_port_that_another_program_has_is_error_2900_and_may_be_tried_again():
+def test_used_tcp_port_is_error_2900_and_may_be_retried():
     taken = [4321]
 
     def listen(tcp_port):
@@ -115,7 +109,7 @@ Fend
 """
 
 
-def test_lines_of_print_are_put_together_and_cut_where_they_are_too_long(caplog):
+def test_printed_lines_are_joined_and_split_at_the_maximum(caplog):
     harness = SpelProgramHarness(LONG, caplog)
     harness.step(0.1)
     first, second, third = harness.printed
@@ -125,7 +119,7 @@ def test_lines_of_print_are_put_together_and_cut_where_they_are_too_long(caplog)
     assert third.strip() == 'behind'
 
 
-def test_input_waits_for_ever_where_nobody_types(caplog):
+def test_input_waits_for_typed_text(caplog):
     source = 'Function main\n  Integer i\n  Input i\n  Print "typed"\nFend\n'
     harness = SpelProgramHarness(source, caplog)
     harness.step(30.0)

@@ -1,8 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a SPEL+ program asks of the robot: values, and refusals that name what is wrong."""
-
-import logging
+"""Robot functions of a SPEL+ program: values and errors."""
 
 import numpy as np
 import pytest
@@ -20,13 +18,8 @@ SCARA = load_robot_model('gx4_c251s')
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 
 
-@pytest.fixture(autouse=True)
-def _all_is_logged(caplog):
-    caplog.set_level(logging.INFO)
-
-
-def ran(caplog, body, seconds=0.5, **options):
-    """Run the statements of a main; line n of them is line n + 2 of main.prg."""
+def run_main(caplog, body, seconds=0.5, **options):
+    """Run the statements of a main. Line n is line n + 2 of main.prg."""
     harness = SpelProgramHarness(f'\nFunction main\n{body}\nFend\n', caplog, **options)
     harness.step(seconds)
     return harness
@@ -34,16 +27,16 @@ def ran(caplog, body, seconds=0.5, **options):
 
 def refusal(caplog, body, **options):
     """Return number and sentence of the error that ends main in its last line."""
-    harness = ran(caplog, body, **options)
+    harness = run_main(caplog, body, **options)
     place = f'main.prg:{body.count(chr(10)) + 3}: '
-    (said,) = (each for each in caplog.messages if each.startswith(place))
+    (text,) = (each for each in caplog.messages if each.startswith(place))
     assert not np.any(np.diff(harness.positions, axis=0))
     assert not harness.controller.condition.powered
-    return harness.controller.error_number, said.partition(' (task 1): ')[2]
+    return harness.controller.error_number, text.partition(' (task 1): ')[2]
 
 
 @pytest.mark.parametrize(
-    ('statement', 'said'),
+    ('statement', 'text'),
     [
         ('Print Agl(7)', 'Agl: joint 7 is not in 1..6'),
         ('Print Pls(0)', 'Pls: joint 0 is not in 1..6'),
@@ -67,14 +60,14 @@ def refusal(caplog, body, **options):
         ('Motor On\nGo JA(1, 2, 3, 4, 5, 6, 7)', '7 values for 6 joints'),
     ],
 )
-def test_what_is_out_of_range_is_said_with_the_value_and_what_it_may_be(caplog, statement, said):
+def test_error_names_the_value_and_its_range(caplog, statement, text):
     number, sentence = refusal(caplog, statement, start=BENT)
     assert number == 9993
-    assert said in sentence
+    assert text in sentence
 
 
 @pytest.mark.parametrize('name', SIMULATED)
-def test_check_warns_of_what_is_not_simulated_as_it_is_refused(caplog, name):
+def test_check_warns_of_statements_that_are_not_simulated(caplog, name):
     known = SIMULATED[name]
     form = 'Print {}({})' if name in FUNCTIONS and name not in COMMANDS else '{} {}'
     *good, bad = (form.format(name, each) for each in (*known, max(known) + 1))
@@ -85,7 +78,7 @@ def test_check_warns_of_what_is_not_simulated_as_it_is_refused(caplog, name):
     assert refusal(caplog, '\n'.join((*good, bad)), start=BENT)[0] == 9993
 
 
-def test_a_dll_cannot_be_reached(caplog):
+def test_dll_call_is_an_error(caplog):
     source = (
         'Declare conv, "numbers.dll"(a As Long) As Long\nFunction main\n  Print conv(3)\nFend\n'
     )
@@ -96,8 +89,8 @@ def test_a_dll_cannot_be_reached(caplog):
     assert 'conv of numbers.dll' in caplog.text
 
 
-def test_more_values_than_a_scara_has_joints_must_be_0(caplog):
-    harness = ran(caplog, 'Motor On\nGo JA(10, 20, -30, 40, 0, 0)', 5.0, model=SCARA)
+def test_values_beyond_the_joints_of_a_scara_must_be_0(caplog):
+    harness = run_main(caplog, 'Motor On\nGo JA(10, 20, -30, 40, 0, 0)', 5.0, model=SCARA)
     assert harness.controller.error_number == 0
     expected = [*np.radians([10.0, 20.0]), -0.03, np.radians(40.0)]
     assert np.allclose(harness.position, expected, atol=1e-9)
@@ -115,36 +108,36 @@ def test_more_values_than_a_scara_has_joints_must_be_0(caplog):
         (MODEL, 'XY(200, 0, -20, 0) /F /J6F1', ',    0.000,    0.000 ) /R /A /F /J6F1 /J4F0 /0'),
     ],
 )
-def test_a_point_has_all_of_its_posture_and_of_a_scara_four_values(caplog, model, point, listed):
-    """What is left out is the usual; PList shows it (p632)."""
-    harness = ran(caplog, f'  P1 = {point}\n  PList', model=model)
+def test_printed_point_has_its_posture(caplog, model, point, listed):
+    """Omitted values are defaults, which PList shows (p632)."""
+    harness = run_main(caplog, f'  P1 = {point}\n  PList', model=model)
     assert harness.printed == ['P1 = XY( 200.000,    0.000,  -20.000,    0.000' + listed]
 
 
-def test_a_point_of_a_file_has_all_of_its_posture(caplog):
+def test_point_of_a_file_has_its_posture(caplog):
     """RC+ writes no J6Flag of 0 as such, and 1 for /A and /NF."""
     body = '  P1 = XY(0, 400, 400, 0, -90, -90)\n  SavePoints "a.pts"\n  LoadPoints "a.pts"'
-    (listed,) = ran(caplog, f'{body}\n  PList').printed
+    (listed,) = run_main(caplog, f'{body}\n  PList').printed
     assert listed.endswith(',    0.000,  -90.000,  -90.000 ) /R /A /NF /J6F0 /J4F0 /0')
 
 
-def test_go_pulse_goes_to_the_encoder_pulses(caplog):
+def test_go_pulse_reaches_the_encoder_pulses(caplog):
     per_degree = MODEL.pulses_per_unit * np.pi / 180.0
     pulses = ', '.join(f'{round(each)}' for each in per_degree * [4.0, -3.0, 2.0, 0.0, 1.0, -1.0])
     body = f'Motor On\nGo Pulse({pulses})\nWait 0.1\nPrint Pls(1), PPls(Pulse({pulses}), 3)'
-    harness = ran(caplog, body, 3.0)
+    harness = run_main(caplog, body, 3.0)
     assert np.allclose(np.degrees(harness.position), [4.0, -3.0, 2.0, 0.0, 1.0, -1.0], atol=1e-4)
     assert harness.printed == [f'{round(per_degree[0] * 4.0)} {round(per_degree[2] * 2.0)}']
 
 
-def test_angles_of_points_are_told_in_degrees_and_millimetres(caplog):
+def test_angles_of_points_are_in_degrees_and_millimetres(caplog):
     body = 'Print PAgl(JA(1, 2, 3, 4, 5, 6), 6), Int(PAgl(Here, 5) + 0.5)'
-    assert ran(caplog, body, start=BENT).printed == ['6 -60']
-    harness = ran(caplog, 'Print PAgl(JA(1, 2, -30, 4), 3)', model=SCARA)
+    assert run_main(caplog, body, start=BENT).printed == ['6 -60']
+    harness = run_main(caplog, 'Print PAgl(JA(1, 2, -30, 4), 3)', model=SCARA)
     assert harness.printed[-1] == '-30'
 
 
-def test_where_the_arm_could_go_and_how_long_it_would_take(caplog):
+def test_targetok_and_ptptime_evaluate_a_target(caplog):
     body = """
       P1 = Here
       Print TargetOK(P1), TargetOK(P1 +Z(2000)), TargetOK(JA(500, 0, 0, 0, 0, 0))
@@ -152,11 +145,11 @@ def test_where_the_arm_could_go_and_how_long_it_would_take(caplog):
       Speed 50; Accel 50, 50
       Print PTPTime(JA(60, -10, 20, 0, -60, 0), 0, 0) > PTPTime(JA(5, -10, 20, 0, -60, 0), 0, 0)
     """
-    harness = ran(caplog, body, start=BENT)
+    harness = run_main(caplog, body, start=BENT)
     assert harness.printed == ['-1 0 0', '-1 0', '-1']
 
 
-def test_the_state_words_tell_motors_motion_and_till(caplog):
+def test_state_words_show_motors_motion_and_till(caplog):
     body = """
       Print Stat(1) And &H12, Stat(0) And &H100000, RobotInfo(0) And &H4008
       Motor On
@@ -164,14 +157,14 @@ def test_the_state_words_tell_motors_motion_and_till(caplog):
       Go JA(20, 0, 0, 0, 0, 0) Till MemSw(1) = Off
       Print Stat(1) And &H12, RobotInfo(0) And &H4008, TillOn
     """
-    harness = ran(caplog, body)
+    harness = run_main(caplog, body)
     assert harness.printed == ['0 0 0', f'{0x10} {0x8}', f'{0x12} {0x4008} -1']
     harness.do('E-stop press')
     assert harness.controller.condition.estopped
 
 
-def test_at_home_is_where_the_home_position_was_set(caplog):
-    harness = ran(caplog, 'Print AtHome\nWait 1\nPrint AtHome\nWait 1\nPrint AtHome')
+def test_athome_compares_with_homeset(caplog):
+    harness = run_main(caplog, 'Print AtHome\nWait 1\nPrint AtHome\nWait 1\nPrint AtHome')
     pulses = np.rint(harness.controller.servo.position * MODEL.pulses_per_unit)
     harness.controller.spel.home = (int(pulses[0]) + 1, *map(int, pulses[1:]))
     harness.step(1.0)
@@ -180,14 +173,14 @@ def test_at_home_is_where_the_home_position_was_set(caplog):
     assert harness.printed == ['0', '0', '-1']
 
 
-def test_what_has_no_effect_here_is_taken_and_nothing_follows(caplog):
+def test_statements_without_effect_are_accepted(caplog):
     body = 'Fine 10, 10, 10, 10\nArch 0, 10, 20\nPTPBoost 50\nQP Off\nTool 0\nPrint "taken"'
-    harness = ran(caplog, body)
+    harness = run_main(caplog, body)
     assert harness.printed == ['taken']
     assert harness.controller.error_number == 0
 
 
-def test_cp_on_blends_motions_that_do_not_say_so(caplog):
+def test_cp_on_blends_motions_without_cp(caplog):
     slowest = {}
     for cp in ('On', 'Off'):
         body = f"""
@@ -196,29 +189,29 @@ def test_cp_on_blends_motions_that_do_not_say_so(caplog):
           Go AglToPls(20, 0, 0, 0, 0, 0)
           Go AglToPls(40, 0, 0, 0, 0, 0)
         """
-        harness = ran(caplog, body, 4.0)
+        harness = run_main(caplog, body, 4.0)
         places = np.array(harness.positions)[:, 0]
         assert places[-1] == pytest.approx(np.radians(40.0), abs=1e-9)
         speeds = np.diff(places)[(places[:-1] > 0.2) & (places[:-1] < 0.6)]
         slowest[cp] = speeds.min()
-        assert harness.within_limits()[1] <= 1.01
+        harness.assert_within_limits()
     assert slowest['On'] > 1e-4 > 1e-6 > slowest['Off']
 
 
-def test_an_arm_without_closed_form_goes_by_angles_only(caplog, tmp_path):
+def test_arm_without_closed_form_moves_by_angles_only(caplog, tmp_path):
     model = arm_model(tmp_path, 7)
     body = 'Motor On\nGo JA(5, 0, 0, 0, 0, 0, 3)\nPrint Int(Agl(7) + 0.5)'
-    harness = ran(caplog, body, 3.0, model=model)
+    harness = run_main(caplog, body, 3.0, model=model)
     assert harness.printed == ['3']
     number, sentence = refusal(caplog, 'Motor On\nGo XY(300, 0, 300, 0, 90, 0)', model=model)
     assert number == 9993
     assert 'xy(300.000, 0.000, 300.000, 0.000, 90.000, 0.000): ' in sentence
 
 
-def test_pulses_that_are_not_known_are_assumed_with_one_warning(caplog):
+def test_unknown_pulses_are_assumed_with_one_warning(caplog):
     body = 'Print Pls(1), Pls(3), JRange(3, 1)\nPrint PPls(JA(0, 0, -20, 0), 3)'
     start = np.array([0.1, 0.0, -0.01, 0.0])
-    harness = ran(caplog, body, model=load_robot_model('t6_602s'), start=start)
+    harness = run_main(caplog, body, model=load_robot_model('t6_602s'), start=start)
     known = round(0.1 * 3640.89 * 180.0 / np.pi)
     assert [each for each in caplog.messages if 'pulses' in each] == [
         'the encoder pulses of joint_3, joint_4 of the t6_602s are not known: '

@@ -1,8 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What programs do to their own controller: StartMain, Reset, Pause, Cont, motors, two movers."""
-
-import logging
+"""Control of the controller by programs: StartMain, Reset, Pause, Cont, motors, two movers."""
 
 import numpy as np
 import pytest
@@ -12,11 +10,6 @@ from epson_driver.sim_controller.condition.states import Tasks
 from epson_driver.simple_message import ByteOrder, Frame
 
 AWAY = np.radians([30.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-
-
-@pytest.fixture(autouse=True)
-def _all_is_logged(caplog):
-    caplog.set_level(logging.INFO)
 
 
 STARTING = """
@@ -40,14 +33,14 @@ Fend
 
 
 def press(harness):
-    """Press and release the button that has BgMain start main."""
+    """Press and release the button with which BgMain starts main."""
     harness.controller.io.set_input(1, 1, 1)
     harness.step(0.1)
     harness.controller.io.set_input(1, 1, 0)
     harness.step(0.1)
 
 
-def test_startmain_starts_main_as_a_person_does_and_it_moves(caplog):
+def test_startmain_starts_main_and_it_moves(caplog):
     harness = SpelProgramHarness(STARTING, caplog)
     harness.step(0.1)
     assert harness.printed == ['main']
@@ -64,7 +57,7 @@ def test_startmain_starts_main_as_a_person_does_and_it_moves(caplog):
 
 
 @pytest.mark.invariant(4)
-def test_inv4_no_program_starts_main_until_a_person_has_reset_an_estop(caplog):
+def test_inv4_startmain_is_refused_until_an_estop_is_reset(caplog):
     harness = SpelProgramHarness(STARTING, caplog)
     harness.step(0.1)
     for event in ('E-stop press', 'E-stop release'):
@@ -86,7 +79,7 @@ def test_inv4_no_program_starts_main_until_a_person_has_reset_an_estop(caplog):
         ('door open', 'door close', 'start: the safeguard door is open: close it first'),
     ],
 )
-def test_inv4_what_refuses_a_start_by_a_person_refuses_startmain(caplog, event, back, why):
+def test_inv4_startmain_is_refused_like_start(caplog, event, back, why):
     source = STARTING.replace('"refused", Err', '"refused", Err, ErrMsg$(Err)')
     source = source.replace('OnErr GoTo refused', 'OnErr GoTo refused' if back else '')
     harness = SpelProgramHarness(source, caplog)
@@ -113,7 +106,7 @@ def test_inv4_what_refuses_a_start_by_a_person_refuses_startmain(caplog, event, 
     ],
 )
 @pytest.mark.invariant(4)
-def test_inv4_motor_on_is_refused_as_it_is_to_a_person(caplog, event, why):
+def test_inv4_motor_on_is_refused_like_motors_on(caplog, event, why):
     source = """
     Function main
       Xqt 2, switch, NoPause
@@ -134,7 +127,7 @@ def test_inv4_motor_on_is_refused_as_it_is_to_a_person(caplog, event, why):
     assert not harness.controller.condition.powered
 
 
-def test_a_background_task_resets_an_error_once_the_arm_stands_and_nothing_starts(caplog):
+def test_background_task_resets_an_error_once_the_arm_is_at_rest(caplog):
     source = """
     Function BgMain
       OnErr GoTo brakes
@@ -170,7 +163,7 @@ def test_a_background_task_resets_an_error_once_the_arm_stands_and_nothing_start
     harness.step(1.0)
     assert np.array_equal(harness.position, rested)
     assert [each.split()[0] for each in harness.tasks] == ['BgMain']
-    assert harness.within_limits()[1] <= 1.01
+    harness.assert_within_limits()
 
 
 PAUSING = """
@@ -192,7 +185,7 @@ Fend
 """
 
 
-def test_pause_in_a_program_holds_arm_and_tasks_until_cont(caplog):
+def test_pause_statement_holds_arm_and_tasks_until_cont(caplog):
     harness = SpelProgramHarness(PAUSING, caplog)
     harness.step(0.6)
     harness.controller.io.set_input(1, 1, 1)
@@ -206,12 +199,12 @@ def test_pause_in_a_program_holds_arm_and_tasks_until_cont(caplog):
     harness.controller.io.set_input(1, 2, 1)
     harness.until(lambda: 'there' in harness.printed)
     assert np.allclose(harness.position, AWAY, atol=1e-9)
-    assert harness.within_limits()[1] <= 1.01
+    harness.assert_within_limits()
 
 
 @pytest.mark.invariant(4)
-def test_inv4_cont_in_a_program_does_not_let_tasks_go_on_behind_an_open_door(caplog):
-    """The controller refuses: neither tasks nor arm go on before a person has continued."""
+def test_inv4_cont_is_refused_while_the_door_is_open(caplog):
+    """Neither tasks nor arm continue before the operator's continue."""
     harness = SpelProgramHarness(PAUSING, caplog)
     harness.step(0.6)
     harness.do('door open')
@@ -220,8 +213,8 @@ def test_inv4_cont_in_a_program_does_not_let_tasks_go_on_behind_an_open_door(cap
     harness.controller.io.set_input(1, 2, 1)
     harness.step(1.0)
     assert 'continued' in harness.printed
-    said = 'the program asks for continue: the safeguard door is open: close it, then continue'
-    assert said in caplog.text
+    text = 'the program asks for continue: the safeguard door is open: close it, then continue'
+    assert text in caplog.text
     assert 'main paused main.prg:14' in harness.tasks
     assert harness.controller.condition.tasks is Tasks.INTERRUPTED
     harness.do('door close')
@@ -234,8 +227,8 @@ def test_inv4_cont_in_a_program_does_not_let_tasks_go_on_behind_an_open_door(cap
     assert np.allclose(harness.position, AWAY, atol=1e-9)
 
 
-def test_tasks_do_not_go_on_after_cont_before_the_arm_is_back_on_its_way(caplog):
-    """After the door, Cont drives the arm back first; statements wait for that."""
+def test_tasks_continue_after_the_arm_has_returned(caplog):
+    """After the door, Cont first returns the arm to its path. Statements wait for it."""
     harness = SpelProgramHarness(PAUSING, caplog)
     harness.step(0.6)
     harness.do('door open')
@@ -250,10 +243,10 @@ def test_tasks_do_not_go_on_after_cont_before_the_arm_is_back_on_its_way(caplog)
         harness.step(0.002)
     harness.until(lambda: 'there' in harness.printed)
     assert np.allclose(harness.position, AWAY, atol=1e-9)
-    assert harness.within_limits()[1] <= 1.01
+    harness.assert_within_limits()
 
 
-def test_cont_with_nothing_paused_is_told_and_changes_nothing(caplog):
+def test_cont_without_a_pause_is_logged_and_changes_nothing(caplog):
     harness = SpelProgramHarness('Function main\n  Cont\n  Print "on"\nFend\n', caplog)
     harness.step(0.1)
     assert harness.printed == ['on']
@@ -261,7 +254,7 @@ def test_cont_with_nothing_paused_is_told_and_changes_nothing(caplog):
     assert harness.controller.error_number == 0
 
 
-def test_a_second_task_cannot_move_the_arm_during_a_motion(caplog):
+def test_second_task_cannot_move_the_arm_during_a_motion(caplog):
     source = """
     Function main
       Motor On
@@ -284,8 +277,8 @@ def test_a_second_task_cannot_move_the_arm_during_a_motion(caplog):
     assert np.allclose(harness.position, AWAY, atol=1e-9)
 
 
-def test_a_motion_that_begins_while_the_arm_brakes_waits_for_its_stand(caplog):
-    """A straight line after AbortMotion begins where the arm comes to a stand, not before."""
+def test_motion_started_during_braking_waits_for_rest(caplog):
+    """A straight line after AbortMotion starts from the rest position."""
     source = """
     Function main
       OnErr GoTo aborted
@@ -309,13 +302,11 @@ def test_a_motion_that_begins_while_the_arm_brakes_waits_for_its_stand(caplog):
     harness.until(lambda: 'there' in harness.printed)
     assert harness.printed == ['aborted 2999', 'there']
     assert harness.position[0] < np.radians(39.0)
-    velocity, acceleration = harness.within_limits()
-    assert velocity <= 1.001
-    assert acceleration <= 1.01
+    harness.assert_within_limits()
     assert harness.controller.error_number == 0
 
 
-def test_a_program_without_main_is_started_and_is_over_at_once(caplog):
+def test_program_without_main_ends_immediately(caplog):
     source = 'Function BgMain\n  Print "background"\n  Wait 1000\nFend\n'
     harness = SpelProgramHarness(source, caplog)
     harness.step(0.1)
@@ -327,7 +318,7 @@ def test_a_program_without_main_is_started_and_is_over_at_once(caplog):
     assert harness.controller.error_number == 0
 
 
-def test_a_main_that_cannot_be_started_is_an_error_of_the_controller(caplog):
+def test_invalid_main_is_an_error_of_the_controller(caplog):
     harness = SpelProgramHarness('Function main(n As Integer)\nFend\n', caplog)
     harness.step(0.1)
     assert harness.controller.error_number == 9993
@@ -335,7 +326,7 @@ def test_a_main_that_cannot_be_started_is_an_error_of_the_controller(caplog):
     assert harness.tasks == []
 
 
-def test_statements_are_counted_and_frames_are_no_business_of_a_spel_program(caplog):
+def test_statements_are_counted_and_frames_are_refused(caplog):
     harness = SpelProgramHarness('Function main\n  Do\n    Wait 0.1\n  Loop\nFend\n', caplog)
     harness.step(0.05)
     program = harness.controller.program
@@ -360,7 +351,7 @@ def test_statements_are_counted_and_frames_are_no_business_of_a_spel_program(cap
         ('Print "over"', [], ['over', 'finish']),
     ],
 )
-def test_a_trap_of_the_systems_state_starts_its_function(caplog, statement, events, sprung):
+def test_system_state_trap_starts_its_function(caplog, statement, events, sprung):
     """Each of the seven (p855)."""
     words = {'SGOpen': 'open', 'SGClose': 'close', 'Pause': 'pause', 'Abort': 'abort'}
     words['Finish'] = 'finish'

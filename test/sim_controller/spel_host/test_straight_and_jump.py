@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move, Jump, Pallet and places in space, by the kinematics of six-axis arms and SCARAs."""
 
-import logging
 from dataclasses import replace
 
 import numpy as np
@@ -36,48 +35,37 @@ Fend
 """
 
 
-@pytest.fixture(autouse=True)
-def _all_is_logged(caplog):
-    caplog.set_level(logging.INFO)
-
-
 def six_axis(caplog, source, **options):
     return SpelProgramHarness(source, caplog, start=BENT, **options)
 
 
 def tool_places(harness):
-    """Return where Tool 0 was in each motion cycle, shape (k, 3), m."""
+    """Return the position of Tool 0 in each motion cycle, shape (k, 3), m."""
     arm = Kinematics(harness.controller.model)
     return np.array([arm.forward(joints)[:3, 3] for joints in harness.positions])
 
 
-def assert_limits_kept(harness):
-    velocity, acceleration = harness.within_limits()
-    assert velocity <= 1.001
-    assert acceleration <= 1.01
-
-
 def assert_straight(harness):
-    """Tool 0 has left the line from P1 to P2 nowhere, and has gone some way."""
+    """Assert that Tool 0 has moved along the line from P1 to P2."""
     places = tool_places(harness)
-    way = np.array([0.12, 0.0, -0.06]) / np.hypot(0.12, 0.06)
+    direction = np.array([0.12, 0.0, -0.06]) / np.hypot(0.12, 0.06)
     gone = (places - places[0]) @ Kinematics(harness.controller.model).from_base(np.eye(4))[:3, :3]
-    assert np.abs(gone - (gone @ way)[:, None] * way).max() < 2e-5
-    assert 0.005 < gone[-1] @ way < 0.135
+    assert np.abs(gone - (gone @ direction)[:, None] * direction).max() < 2e-5
+    assert 0.005 < gone[-1] @ direction < 0.135
 
 
 @pytest.mark.invariant(2)
-def test_inv2_move_leads_tool_0_along_a_straight_line_as_fast_as_speeds_says(caplog):
+def test_inv2_move_is_a_straight_line_at_speeds(caplog):
     harness = six_axis(caplog, MOVE.format(more=''))
     harness.until(lambda: len(harness.printed) == 2)
     assert harness.printed[-1] == 'there 120 -60'
     assert_straight(harness)
     speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
     assert speeds.max() == pytest.approx(0.2, rel=0.01)
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
-def test_a_line_goes_on_after_a_pause_and_stays_straight(caplog):
+def test_line_stays_straight_after_a_pause(caplog):
     harness = six_axis(caplog, MOVE.format(more=''))
     harness.until(lambda: 'goes' in harness.printed)
     harness.step(0.3)
@@ -90,11 +78,11 @@ def test_a_line_goes_on_after_a_pause_and_stays_straight(caplog):
     harness.do('continue')
     harness.until(lambda: 'there 120 -60' in harness.printed)
     assert_straight(harness)
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 @pytest.mark.invariant(3)
-def test_inv3_till_stops_a_line_on_its_way(caplog):
+def test_inv3_till_stops_a_line(caplog):
     source = MOVE.format(more=' Till MemSw(7) = On').replace('  Print "goes"', '  Xqt 2, stopper')
     harness = six_axis(caplog, source + 'Function stopper\n  Wait 0.4\n  MemOn 7\nFend\n')
     harness.until(lambda: len(harness.printed) == 1)
@@ -102,11 +90,11 @@ def test_inv3_till_stops_a_line_on_its_way(caplog):
     harness.step(0.5)
     assert not np.any(harness.velocity)
     assert_straight(harness)
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 @pytest.mark.invariant(3)
-def test_inv3_an_estop_stops_a_line_within_the_limits(caplog):
+def test_inv3_estop_stops_a_line_within_the_limits(caplog):
     harness = six_axis(caplog, MOVE.format(more=''))
     harness.until(lambda: 'goes' in harness.printed)
     harness.step(0.4)
@@ -115,10 +103,10 @@ def test_inv3_an_estop_stops_a_line_within_the_limits(caplog):
     assert not np.any(harness.velocity)
     assert harness.tasks == []
     assert_straight(harness)
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
-def test_at_low_power_a_line_is_no_faster_than_50_mm_a_second(caplog):
+def test_low_power_limits_a_line_to_50_mm_per_second(caplog):
     harness = six_axis(caplog, MOVE.format(more='').replace('Power High', 'Power Low'))
     harness.until(lambda: len(harness.printed) == 2)
     speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
@@ -127,7 +115,7 @@ def test_at_low_power_a_line_is_no_faster_than_50_mm_a_second(caplog):
 
 
 @pytest.mark.parametrize(
-    ('statement', 'number', 'said'),
+    ('statement', 'number', 'text'),
     [
         ('Move P1 +Z(900)', 4007, 'it is out of reach at '),
         ('Move P1 +U(20)', 9993, 'only the orientation changes'),
@@ -135,17 +123,17 @@ def test_at_low_power_a_line_is_no_faster_than_50_mm_a_second(caplog):
         ('Move AglToPls(500, 0, 0, 0, 0, 0)', 4001, 'joint_1'),
     ],
 )
-def test_a_way_that_there_is_not_is_refused_before_the_arm_moves(caplog, statement, number, said):
+def test_impossible_path_is_refused_before_motion(caplog, statement, number, text):
     source = f'\nFunction main\n  Motor On\n  P1 = Here\n  {statement}\nFend\n'
     harness = six_axis(caplog, source)
     harness.step(0.5)
     assert harness.controller.error_number == number
     assert f'main.prg:5: error {number} in main' in caplog.text
-    assert said in caplog.text
+    assert text in caplog.text
     assert not np.any(np.diff(harness.positions, axis=0))
 
 
-def test_only_the_orientation_turns_with_rot(caplog):
+def test_rot_turns_only_the_orientation(caplog):
     source = """
     Function main
       Motor On
@@ -159,7 +147,7 @@ def test_only_the_orientation_turns_with_rot(caplog):
     harness.until(lambda: harness.printed == ['there 20'])
     places = tool_places(harness)
     assert np.abs(places - places[0]).max() < 2e-5
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 def test_rot_without_a_turn_is_an_error(caplog):
@@ -177,8 +165,8 @@ def test_rot_without_a_turn_is_an_error(caplog):
 
 
 @pytest.mark.parametrize('power', ['High', 'Low'])
-def test_rot_makes_speedr_the_speed_of_a_line(caplog, power):
-    """SpeedS has no effect (p105), but at low power the tool is as slow as ever."""
+def test_rot_selects_speedr_for_a_line(caplog, power):
+    """SpeedS has no effect (p105), and low power still limits the tool speed."""
     source = f"""
     Function main
       Motor On
@@ -196,7 +184,7 @@ def test_rot_makes_speedr_the_speed_of_a_line(caplog, power):
     assert power == 'Low' or harness.printed[0].endswith('-1')
     speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
     assert power == 'High' or speeds.max() <= 0.0501
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 JUMP = """
@@ -217,7 +205,7 @@ Fend
 """
 
 
-def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
+def test_scara_jumps_over_a_pallet(caplog):
     harness = SpelProgramHarness(JUMP.format(deep=-80, high=-20), caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
     begin = len(harness.positions)
@@ -229,7 +217,7 @@ def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
     assert np.count_nonzero(sideways) > 30
     assert np.all(heights[:-1][sideways] > -20.001)
     assert heights.max() < -19.999
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 ARCH = """
@@ -247,7 +235,7 @@ Fend
 HIGH = '; Power High'
 
 
-def jumped(caplog, more, power=HIGH):
+def jump_profile(caplog, more, power=HIGH):
     """Return height, mm, and joints 1, 2 and 4 in each motion cycle of the Jump."""
     source = ARCH.format(power=power, more=more)
     harness = SpelProgramHarness(source, caplog, model=SCARA)
@@ -255,7 +243,7 @@ def jumped(caplog, more, power=HIGH):
     begin = len(harness.positions) - 1
     harness.until(lambda: len(harness.printed) == 2)
     assert harness.printed[1] == '180 60 -80'
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
     positions = np.array(harness.positions[begin:])
     return positions[:, 2] * 1000.0, positions[:, [0, 1, 3]]
 
@@ -273,9 +261,9 @@ def jumped(caplog, more, power=HIGH):
         (' C1', '', 15.0, 25.0),
     ],
 )
-def test_inv2_a_jump_goes_round_the_corners_of_its_arch(caplog, more, power, rise, fall):
-    """P110: as high it has risen when it begins to go across, so high above it is across."""
-    heights, sideways = jumped(caplog, more, power)
+def test_inv2_jump_rounds_the_corners_of_its_arch(caplog, more, power, rise, fall):
+    """P110: the arch heights are where the crossing starts and ends."""
+    heights, sideways = jump_profile(caplog, more, power)
     across = np.any(np.abs(sideways - sideways[0]) > 1e-9, axis=1)
     arrived = np.all(np.abs(sideways - sideways[-1]) < 1e-9, axis=1)
     cycle = np.abs(np.diff(heights)).max() + 0.01
@@ -299,8 +287,8 @@ Fend
 """
 
 
-def jumped_3(caplog, statement, more, power=HIGH):
-    """Run it; return the tool's places since the begin, mm from there, in P1's axes."""
+def jump3_path(caplog, statement, more, power=HIGH):
+    """Return the tool's positions relative to the start, mm, in P1's axes."""
     source = JUMP3.format(power=power, statement=statement, more=more)
     harness = six_axis(caplog, source)
     harness.until(lambda: 'stands' in harness.printed)
@@ -311,11 +299,11 @@ def jumped_3(caplog, statement, more, power=HIGH):
     return harness, (places - places[0]) @ base * 1000.0
 
 
-def beside(places, begin, end):
-    """Return how far places, mm, are from the line through two others."""
-    way = np.subtract(end, begin) / np.linalg.norm(np.subtract(end, begin))
+def distances_from_line(places, begin, end):
+    """Return the distances of places from the line through two others, mm."""
+    direction = np.subtract(end, begin) / np.linalg.norm(np.subtract(end, begin))
     away = places - begin
-    return np.linalg.norm(away - (away @ way)[:, None] * way, axis=1)
+    return np.linalg.norm(away - (away @ direction)[:, None] * direction, axis=1)
 
 
 @pytest.mark.invariant(2)
@@ -325,14 +313,14 @@ def beside(places, begin, end):
     [('C1', 15.0, 25.0), ('C0', 30.0, 30.0), ('C7', 60.83, 70.0), ('', 60.83, 70.0),
      ('C4', 60.83, 70.0)],
 )  # fmt: skip
-def test_inv2_jump3_goes_round_the_corners_of_its_arch(caplog, statement, more, rise, fall):
-    """P477: it leaves the one line, and is on the other, at the distances of the arch."""
-    harness, places = jumped_3(caplog, statement, more)
+def test_inv2_jump3_rounds_the_corners_of_its_arch(caplog, statement, more, rise, fall):
+    """P477: the path leaves and joins the lines at the distances of the arch."""
+    harness, places = jump3_path(caplog, statement, more)
     assert harness.printed[1] == '-1'
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
     arched = more in ('C1', 'C0')
-    up = beside(places, (0, 0, 0), (0, -10, 60)) < 0.01
-    down = beside(places, (120, 0, 0), (120, 0, 70)) < 0.01
+    up = distances_from_line(places, (0, 0, 0), (0, -10, 60)) < 0.01
+    down = distances_from_line(places, (120, 0, 0), (120, 0, 70)) < 0.01
     heights = np.linalg.norm(places, axis=1), np.linalg.norm(places - (120, 0, 0), axis=1)
     left, joined = int(np.argmin(up)), len(down) - int(np.argmin(down[::-1]))
     assert heights[0][left] > rise - 0.1
@@ -341,14 +329,14 @@ def test_inv2_jump3_goes_round_the_corners_of_its_arch(caplog, statement, more, 
     assert (speeds[left - 5 : joined].min() > 1e-5) == arched
 
 
-def across_and_up(caplog, statement, power):
-    """Return how far across, from 0 to 1, and how high, mm, an arch is in each motion cycle."""
+def crossing_and_height(caplog, statement, power):
+    """Return the crossing, 0 to 1, and the height of an arch, mm, in each motion cycle."""
     caplog.clear()
     if statement == 'Jump':
-        heights, sideways = jumped(caplog, ' C1', power)
+        heights, sideways = jump_profile(caplog, ' C1', power)
         gone = sideways[:, 0] - sideways[0, 0]
     else:
-        harness, places = jumped_3(caplog, statement, 'C1', power)
+        harness, places = jump3_path(caplog, statement, 'C1', power)
         gone, heights = places[:, 0], places[:, 2]
         speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
         assert power == HIGH or speeds.max() < 0.25
@@ -356,15 +344,15 @@ def across_and_up(caplog, statement, power):
 
 
 @pytest.mark.parametrize('statement', one_in(3, ['Jump', 'Jump3', 'Jump3CP']))
-def test_an_arch_at_low_power_is_lower(caplog, statement):
+def test_arch_at_low_power_is_lower(caplog, statement):
     """P474, p479: "When speed is lower, the trajectory will be lower"."""
-    fast, slow = (across_and_up(caplog, statement, power) for power in (HIGH, ''))
+    fast, slow = (crossing_and_height(caplog, statement, power) for power in (HIGH, ''))
     for share in (0.05, 0.15, 0.85, 0.95):
         assert np.interp(share, *slow) < np.interp(share, *fast) - 5.0
 
 
 @pytest.mark.parametrize('after', [0.1, 0.3, 0.5, 0.7])
-def test_jump3_goes_on_after_a_pause_up_round_a_corner_across_or_down(caplog, after):
+def test_jump3_continues_after_a_pause_in_any_phase(caplog, after):
     source = JUMP3.format(power=HIGH, statement='Jump3', more='C1')
     harness = six_axis(caplog, source)
     harness.until(lambda: 'stands' in harness.printed)
@@ -376,7 +364,7 @@ def test_jump3_goes_on_after_a_pause_up_round_a_corner_across_or_down(caplog, af
     harness.until(lambda: len(harness.printed) > 1)
     assert harness.printed[1] == '-1'
     assert 'from joint to joint' not in caplog.text
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 def arch_of(caplog, name, low_power):
@@ -406,7 +394,7 @@ def arch_of(caplog, name, low_power):
         several=True,
     ),
 )
-def test_inv2_an_arch_and_a_stop_on_it_keep_every_limit(caplog, name, low_power):
+def test_inv2_arch_and_a_stop_on_it_respect_every_limit(caplog, name, low_power):
     """At full speed, where two motions of the same joints overlap (p479)."""
     robot, motion = arch_of(caplog, name, low_power)
     limits = robot.controller.model.limits
@@ -425,7 +413,7 @@ def test_inv2_an_arch_and_a_stop_on_it_keep_every_limit(caplog, name, low_power)
     assert motion.stop(0.4 * motion.duration).duration < 0.6 * motion.duration
 
 
-def test_a_jump_round_corners_goes_on_after_a_pause(caplog):
+def test_jump_with_an_arch_continues_after_a_pause(caplog):
     source = ARCH.format(power=HIGH, more=' C1')
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
@@ -436,25 +424,25 @@ def test_a_jump_round_corners_goes_on_after_a_pause(caplog):
     harness.do('continue')
     harness.until(lambda: len(harness.printed) == 2)
     assert harness.printed[1] == '180 60 -80'
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
 @pytest.mark.parametrize(
-    ('go', 'number', 'said'),
+    ('go', 'number', 'text'),
     [(-10, 4005, 'the arm, at -10, is above'), (-40, 4006, 'the target, at -10, is above')],
 )
-def test_a_jump_under_lim_z_is_refused(caplog, go, number, said):
+def test_jump_below_limz_is_refused(caplog, go, number, text):
     """P474."""
     source = f'Function main\n  Motor On\n  Go XY(100, 180, {go}, 0)\n  LimZ -20\n'
     source += '  Jump XY(150, 150, -10, 0)\nFend\n'
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.until(lambda: harness.controller.error_number == number)
-    assert said in caplog.text
+    assert text in caplog.text
 
 
 @pytest.mark.parametrize('arch', ['C0', ''])
-def test_what_stands_beside_a_jump_begins_when_it_goes_across(caplog, arch):
-    """P57: D0 at the end of the rising, D50 at half of the way across."""
+def test_parallel_statements_of_a_jump_start_with_the_crossing(caplog, arch):
+    """P57: D0 at the end of the rise, D50 at half of the crossing."""
     source = ARCH.format(power=HIGH, more=f' {arch} !D0; Print Agl(3); D50; Print Agl(1)!')
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
@@ -467,7 +455,7 @@ def test_what_stands_beside_a_jump_begins_when_it_goes_across(caplog, arch):
 
 
 @pytest.mark.invariant(3)
-def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
+def test_inv3_till_ends_a_jump_and_its_remaining_phases(caplog):
     source = (
         JUMP.format(deep=-84, high=0)
         .replace('Pallet(1, i)', 'Pallet(1, i) Till MemSw(1) = On')
@@ -480,10 +468,10 @@ def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
     assert harness.printed[1] != '160 180 -84'
     harness.step(1.0)
     assert np.array_equal(harness.position, stands)
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
-def test_a_jump_higher_than_joint_3_can_go_is_refused(caplog):
+def test_jump_above_the_range_of_joint_3_is_refused(caplog):
     source = 'Function main\n  Motor On\n  LimZ 10\n  Jump JA(10, 20, -30, 40)\nFend\n'
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.step(0.5)
@@ -493,7 +481,7 @@ def test_a_jump_higher_than_joint_3_can_go_is_refused(caplog):
     assert not np.any(np.diff(harness.positions, axis=0))
 
 
-def test_move_to_where_the_arm_is_is_over_at_once(caplog):
+def test_move_to_the_current_position_ends_immediately(caplog):
     harness = six_axis(caplog, 'Function main\n  Motor On\n  Move Here\n  Print "there"\nFend\n')
     harness.step(0.1)
     assert harness.printed == ['there']
@@ -501,7 +489,7 @@ def test_move_to_where_the_arm_is_is_over_at_once(caplog):
     assert not np.any(np.diff(harness.positions, axis=0))
 
 
-def test_a_line_that_turns_by_half_a_turn_is_driven(caplog):
+def test_line_with_half_a_turn_is_executed(caplog):
     source = """
     Function main
       Motor On
@@ -517,8 +505,8 @@ def test_a_line_that_turns_by_half_a_turn_is_driven(caplog):
     assert abs(turned[5]) == pytest.approx(np.pi - abs(turned[0]), abs=1e-3)
 
 
-def test_a_line_after_a_blended_go_begins_when_the_arm_stands(caplog):
-    """Go … CP overlaps with a Go only: a straight line has a beginning."""
+def test_line_after_a_blended_go_starts_from_rest(caplog):
+    """Go … CP overlaps with a Go only."""
     source = """
     Function main
       Motor On; Power High; Speed 50; Accel 50, 50; SpeedS 100
@@ -533,10 +521,10 @@ def test_a_line_after_a_blended_go_begins_when_the_arm_stands(caplog):
     positions = np.array(harness.positions)
     there = np.argmin(np.abs(positions - np.radians([10.0, -10.0, 20.0, 0.0, -60.0, 0.0])).max(1))
     assert np.abs(positions[there] - np.radians([10.0, -10, 20, 0, -60, 0])).max() < 1e-6
-    assert_limits_kept(harness)
+    harness.assert_within_limits()
 
 
-def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_joints(caplog):
+def test_blocked_line_is_resumed_slowly_in_joint_space(caplog):
     harness = six_axis(caplog, 'Function main\nFend\n')
     controller = harness.controller
     motion = RobotMotion(
@@ -550,7 +538,7 @@ def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_j
     straight = point.path(BENT, False)
     assert np.allclose(straight.end, point.target, atol=1e-9)
     assert caplog.text.count('from joint to joint') == 0
-    elsewhere = BENT + np.radians([160.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # the base is in the way
+    elsewhere = BENT + np.radians([160.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # through the base
     slow = point.path(elsewhere, False)
     assert np.allclose(slow.end, point.target, atol=1e-9)
     assert 'goes on from joint to joint: ' in caplog.text
@@ -562,8 +550,8 @@ def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_j
 
 
 @pytest.mark.parametrize('hand', ['L', 'R'])
-def test_a_scara_goes_to_a_point_with_the_hand_it_was_taught_with(caplog, hand):
-    """Its flag says to which side joint 2 bends (SPEL+ p592)."""
+def test_scara_reaches_a_point_with_its_taught_hand(caplog, hand):
+    """The hand flag selects the side of joint 2 (SPEL+ p592)."""
     source = f"""
     Function main
       Motor On

@@ -31,12 +31,12 @@ PAGE = (Path(__file__).parents[3] / 'docs' / 'controllers.md').read_text(encodin
 EXAMPLE = PAGE.split('```yaml\n', 1)[1].split('```', 1)[0]
 RETRY = 4
 REPLY = struct.pack('<4i', 56, 10, 3, 1) + bytes(44)
-"""The only one that it has: SUCCESS, and zeros."""
+"""Its only reply: SUCCESS and zeros."""
 UNKNOWN = -1
 
 
 class ThesisHarness(SpelProgramHarness):
-    """The program with a stand-in for its DLL; motors on, both servers started."""
+    """The program with a substitute for its DLL, motors on and both servers started."""
 
     program = None
 
@@ -55,7 +55,7 @@ class ThesisHarness(SpelProgramHarness):
         self.step(0.2)
 
     def send(self, motion, peer, *frames):
-        """Send points one by one, each when the one before is answered; return the replies."""
+        """Send points, each after the previous reply, and return the replies."""
         got = []
         for data in frames:
             peer.take()
@@ -77,7 +77,7 @@ def harness(new_harness):
     return new_harness()
 
 
-def assert_nobody_serves(harness):
+def assert_no_server(harness):
     """All tasks have ended, and with them their ports."""
     assert list(harness.controller.tasks()) == []
     for port in ('motion', 'state'):
@@ -89,7 +89,7 @@ def at(*values):
     return [*values, *[0.0] * (6 - len(values))]
 
 
-def test_the_listings_are_mended_as_their_print_needs():
+def test_listings_are_repaired():
     repairs = Counter()
     files = program_files(FOUND, repairs)
     assert sorted(files) == [
@@ -107,7 +107,7 @@ def test_the_listings_are_mended_as_their_print_needs():
     }
 
 
-def test_points_move_the_arm_and_every_reply_is_an_all_zero_success(harness):
+def test_every_reply_to_a_point_is_success_with_zeros(harness):
     """Defect 5, the good case."""
     motion, peer = harness.client('motion')
     assert harness.send(motion, peer, point(0, at(0.05)), point(1, at(0.1, 0.1))) == [REPLY] * 2
@@ -115,8 +115,8 @@ def test_points_move_the_arm_and_every_reply_is_an_all_zero_success(harness):
     assert np.abs(harness.position - at(0.1, 0.1)).max() < 1e-5
 
 
-def test_the_state_has_joints_and_a_status_that_does_not_know_whether_it_moves(harness):
-    """Defect 10; STATUS after ten positions."""
+def test_status_has_unknown_in_motion(harness):
+    """Defect 10. STATUS follows ten positions."""
     _, peer = harness.client('state')
     harness.step(1.0)
     messages = split(peer.take())
@@ -130,7 +130,7 @@ def test_the_state_has_joints_and_a_status_that_does_not_know_whether_it_moves(h
     assert (in_motion, mode, possible) == (UNKNOWN, 2, UNKNOWN)
 
 
-def test_a_lost_client_is_the_end_of_both_servers(harness):
+def test_lost_client_ends_both_servers(harness):
     """Defect 1."""
     for port in ('motion', 'state'):
         connection, _ = harness.client(port)
@@ -141,15 +141,15 @@ def test_a_lost_client_is_the_end_of_both_servers(harness):
             harness.client(port)
 
 
-def test_nobody_comes_for_50_s_and_the_servers_are_gone(harness):
+def test_servers_end_after_50_s_without_a_client(harness):
     """Defect 12."""
     harness.step(49.0)
     assert len(list(harness.controller.tasks())) == 2
     harness.step(3.0)
-    assert_nobody_serves(harness)
+    assert_no_server(harness)
 
 
-def test_a_stop_is_answered_when_the_motion_is_over_and_stops_nothing(harness):
+def test_stop_is_answered_after_the_motion_and_stops_nothing(harness):
     """Defect 2."""
     motion, peer = harness.client('motion')
     motion.receive(point(0, at(0.4)) + point(STOP))
@@ -170,7 +170,7 @@ def test_every_negative_sequence_is_a_stop(harness, sequence):
     assert any('trajectory stop message' in line for line in harness.printed)
 
 
-def test_a_point_out_of_range_gets_success_and_sequences_are_not_checked(harness):
+def test_point_out_of_range_or_sequence_gets_success(harness):
     """Defects 5 and 6."""
     motion, peer = harness.client('motion')
     points = (point(0, at(3.0)), point(7, at(0.1)), point(3, at(0.05)))
@@ -180,7 +180,7 @@ def test_a_point_out_of_range_gets_success_and_sequences_are_not_checked(harness
     assert max(each[0] for each in harness.positions) < 0.11
 
 
-def test_without_motors_it_asks_is_told_to_cancel_and_answers_success(new_harness):
+def test_point_without_motors_gets_success_after_a_message_box(new_harness):
     """Defects 4 and 5: the error is handled, nothing moves, the reply is a SUCCESS."""
     harness = new_harness(motors=False)
     motion, peer = harness.client('motion')
@@ -189,7 +189,7 @@ def test_without_motors_it_asks_is_told_to_cancel_and_answers_success(new_harnes
     assert not np.any(harness.positions)
 
 
-def test_an_error_that_was_handled_is_handled_again_after_each_good_point(new_harness):
+def test_error_handler_runs_after_each_point(new_harness):
     """Defect 4: no Exit before the label, so the handler runs after every point. The arm moves
     all the same, the replies are the same."""
     harness = new_harness(motors=False)
@@ -203,8 +203,8 @@ def test_an_error_that_was_handled_is_handled_again_after_each_good_point(new_ha
     assert harness.printed.count('in ErrorHandler') == 3
 
 
-def test_any_error_of_the_state_server_ends_all_tasks(harness, monkeypatch):
-    """Defect 4: Quit All behind its label; here the PC with the DLL is gone."""
+def test_error_of_the_state_server_ends_all_tasks(harness, monkeypatch):
+    """Defect 4: Quit All after its label. Here the DLL is unavailable."""
     _, peer = harness.client('state')
     harness.step(0.5)
     assert peer.take()
@@ -214,10 +214,10 @@ def test_any_error_of_the_state_server_ends_all_tasks(harness, monkeypatch):
 
     monkeypatch.setattr(SpelHost, 'call_library', gone)
     harness.step(0.5)
-    assert_nobody_serves(harness)
+    assert_no_server(harness)
 
 
-def test_motors_on_by_retry_forgets_speed_and_accel(new_harness, monkeypatch):
+def test_motors_on_by_retry_resets_speed_and_accel(new_harness, monkeypatch):
     """Defect 7: Motor On sets defaults. At the profile's `power: low` they are the same 5 %."""
     monkeypatch.setattr(LogTerminal, 'message_box', lambda *_: RETRY)
     harness = new_harness(motors=False)
@@ -232,8 +232,8 @@ def test_motors_on_by_retry_forgets_speed_and_accel(new_harness, monkeypatch):
     assert harness.profile.motion.power == 'low'
 
 
-def test_the_dll_takes_velocity_and_duration_by_value_where_the_program_hands_references(harness):
-    """Defect 11: they stay 0; `uses: nothing`."""
+def test_dll_ignores_velocity_and_duration(harness):
+    """Defect 11: they stay 0, see `uses: nothing`."""
     (declared,) = [line for line in FOUND['C'] if 'Declare convertToFloatingpoint' in line]
     assert 'ByRef output_velocity As Real, ByRef output_duration As Real' in declared
     (defined,) = [line for line in FOUND['F'] if 'short convertToFloatingpoint(' in line]
@@ -241,16 +241,16 @@ def test_the_dll_takes_velocity_and_duration_by_value_where_the_program_hands_re
     assert harness.profile.program.uses.value == 'nothing'
 
 
-def test_a_corrupt_message_ends_all_tasks(harness):
+def test_corrupt_message_ends_all_tasks(harness):
     """Defect 5."""
     motion, _ = harness.client('motion')
     motion.receive(frame(11, 2, 0, bytes(20)))
     harness.step(3.0)
-    assert_nobody_serves(harness)
+    assert_no_server(harness)
 
 
 def test_turns_of_the_wrist_are_lost(harness):
-    """Defect 6: P2 = AglToPls( ) is a place in space: joint 6 goes there the short way."""
+    """Defect 6: P2 = AglToPls( ) is a place in space, so joint 6 takes the shorter turn."""
     motion, peer = harness.client('motion')
     target = [0.1, -0.1, 0.2, 0.0, 0.5, 1.5 * np.pi]
     assert harness.send(motion, peer, point(0, target)) == [REPLY]
@@ -259,7 +259,7 @@ def test_turns_of_the_wrist_are_lost(harness):
     assert harness.position[:3] == pytest.approx(target[:3], abs=1e-4)
 
 
-def test_power_low_makes_speed_50_mean_5_percent_and_times_count_for_nothing(harness):
+def test_low_power_limits_speed_to_5_percent(harness):
     """Defects 6 and 8: `uses: nothing`, `power: low`."""
     motion, peer = harness.client('motion')
     harness.send(motion, peer, point(0, at(0.5), velocity=1.0, duration=0.1))
@@ -267,7 +267,7 @@ def test_power_low_makes_speed_50_mean_5_percent_and_times_count_for_nothing(har
     assert 0.02 < velocity < 0.0501
 
 
-def test_cp_never_blends_the_arm_rests_at_every_point(harness):
+def test_arm_stops_at_every_point_in_spite_of_cp(harness):
     """Defect 9."""
     motion, peer = harness.client('motion')
     begin = len(harness.positions)
@@ -278,7 +278,7 @@ def test_cp_never_blends_the_arm_rests_at_every_point(harness):
     assert len(moves) * STEP_S > 2.0  # a second after each point
 
 
-def test_an_estop_ends_its_motion_and_the_state_server_goes_on(harness):
+def test_estop_ends_the_motion_but_not_the_state_server(harness):
     """Xqt … NoEmgAbort."""
     _, state = harness.client('state')
     motion, peer = harness.client('motion')
