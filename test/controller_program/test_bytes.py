@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""bytes.prg: floats and longs to bytes and back, bit by bit what `struct` makes of them."""
+"""bytes.prg converts floats and longs to bytes and back exactly like `struct`."""
 
 import math
 import random
@@ -81,7 +81,7 @@ class BytesHarness:
         assert self.host.failures == [], str(self.host.failures[0])
 
     def pack(self, values: list[float]) -> list[bytes | None]:
-        """Return four bytes for each value; None where it was refused."""
+        """Return four bytes for each value, None for a refused one."""
         self.arrays['g_in'].d[:] = values
         self.arrays['g_bytes'].d[:] = [99] * (4 * BATCH)
         self.call('PackAll')
@@ -94,7 +94,7 @@ class BytesHarness:
         return found
 
     def unpack(self, values: list[bytes]) -> list[float | None]:
-        """Return the value of each four bytes; None where they were refused."""
+        """Return the value of each four bytes, None for refused bytes."""
         self.arrays['g_bytes'].d[:] = list(b''.join(values))
         self.arrays['g_in'].d[:] = [123.5] * BATCH
         self.call('UnpackAll')
@@ -116,7 +116,7 @@ def as_float(bits: int) -> float:
 
 
 def packed(value: float) -> bytes | None:
-    """Return what struct makes of a value, with +0 for -0; None if it is too large."""
+    """Return a value packed by struct, with +0 for -0, or None if it is too large."""
     try:
         four = struct.pack('<f', value)
     except OverflowError:
@@ -142,7 +142,7 @@ SPECIAL = [
     1e-300,
     5e-324,
     2.0**128 - 2**104,  # the largest
-    2.0**128 - 2**103,  # a tie to what is too large
+    2.0**128 - 2**103,  # a tie above the maximum
     math.nextafter(2.0**128 - 2**103, 0.0),
     2.0**128,
     1e300,
@@ -180,14 +180,14 @@ def values(count: int) -> Iterator[list[float]]:
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
-def test_floats_are_packed_bit_by_bit_as_struct_does(harness: BytesHarness, count: int) -> None:
+def test_floats_are_packed_like_struct(harness: BytesHarness, count: int) -> None:
     for batch in values(count):
         for value, found in zip(batch, harness.pack(batch), strict=True):
             assert found == packed(value), value.hex()
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
-def test_floats_are_unpacked_bit_by_bit_as_struct_does(harness: BytesHarness, count: int) -> None:
+def test_floats_are_unpacked_like_struct(harness: BytesHarness, count: int) -> None:
     chance = random.Random(17)
     special = [0, 1, 0x8000_0001, 0x007F_FFFF, 0x0080_0000, 0x7F7F_FFFF, 0x7F80_0000]
     special += [0xFF80_0000, 0x7FC0_0000, 0x7F80_0001, 0xFFFF_FFFF, 0x3F80_0000, 0x8000_0000]
@@ -205,7 +205,7 @@ def test_floats_are_unpacked_bit_by_bit_as_struct_does(harness: BytesHarness, co
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
-def test_longs_there_and_back(harness: BytesHarness, count: int) -> None:
+def test_longs_survive_a_round_trip(harness: BytesHarness, count: int) -> None:
     chance = random.Random(18)
     special = [0, 1, -1, -4, 2**31 - 1, -(2**31), 255, 256, -256, 0x00FF_FFFF, -0x0100_0000]
     for _ in range(count // BATCH):
@@ -219,7 +219,7 @@ def test_longs_there_and_back(harness: BytesHarness, count: int) -> None:
         assert harness.arrays['g_long'].d == longs
 
 
-def test_a_number_costs_few_statements(harness: BytesHarness) -> None:
+def test_number_costs_few_statements(harness: BytesHarness) -> None:
     """A controller has time for some hundred statements per message at 100 Hz."""
     angles = [0.5 + 1e-4 * number for number in range(BATCH)]
     before = harness.machine.statements
@@ -244,11 +244,11 @@ def test_every_statement_was_executed() -> None:
 
 
 @pytest.mark.parametrize('version', one_in(3, [7, 6, 8]))
-def test_the_program_is_clean_on_every_version(version: int) -> None:
+def test_program_is_clean_on_every_version(version: int) -> None:
     assert [str(problem) for problem in check(FILES, version)] == []
 
 
-def test_the_files_are_ascii_with_crlf() -> None:
+def test_files_are_ascii_with_crlf() -> None:
     for path in sorted(FOLDER.iterdir()):
         content = path.read_bytes()
         assert content.isascii(), path.name

@@ -50,7 +50,7 @@ def moving(harness: RobotHarness) -> Client:
 
 
 def assert_still(harness: RobotHarness, seconds: float = 3.0) -> None:
-    """Nothing moves for a time, and no Go begins."""
+    """Assert that the arm does not move and no Go starts."""
     begun, where = len(harness.robot.gone_to), harness.robot.position
     harness.run(seconds)
     assert len(harness.robot.gone_to) == begun
@@ -58,7 +58,7 @@ def assert_still(harness: RobotHarness, seconds: float = 3.0) -> None:
 
 
 def assert_works(harness: RobotHarness, client: Client) -> None:
-    """The rest of the old trajectory is refused, a new one is executed."""
+    """Assert that only a new trajectory is executed."""
     assert harness.stream(client, [point(6, harness.robot.position)]) == [(6, FAILURE)]
     points = line(harness, 3, -5.0, 0.3)
     assert harness.stream(client, points) == [(n, OK) for n in range(3)]
@@ -68,7 +68,8 @@ def assert_works(harness: RobotHarness, client: Client) -> None:
     assert abs(harness.robot.position[0] - points[-1].joints[0] * 57.29577951308232) < 1e-4
 
 
-def test_nothing_moves_after_an_estop_until_it_is_enabled() -> None:
+@pytest.mark.invariant(4)
+def test_inv4_nothing_moves_after_an_estop_until_enabled() -> None:
     harness = RobotHarness()
     client = moving(harness)
     harness.press_estop()
@@ -86,8 +87,8 @@ def test_nothing_moves_after_an_estop_until_it_is_enabled() -> None:
     assert harness.robot.failures == []
 
 
-def test_points_that_wait_at_an_estop_are_never_executed_even_if_all_is_quick() -> None:
-    """main drops what is in the ring by itself: no server needs to have seen the E-stop."""
+def test_points_waiting_at_an_estop_are_never_executed() -> None:
+    """main drops the points in the ring without help of a server."""
     harness = RobotHarness()
     moving(harness)
     harness.press_estop()
@@ -97,8 +98,8 @@ def test_points_that_wait_at_an_estop_are_never_executed_even_if_all_is_quick() 
     assert_still(harness)
 
 
-def test_nor_are_those_that_main_has_not_got_yet() -> None:
-    """main waits until MotionServer has dropped them too."""
+def test_points_not_yet_passed_to_main_are_dropped_at_an_estop() -> None:
+    """main waits until MotionServer has dropped its points too."""
     harness = RobotHarness(LOOK_AHEAD='2')
     client = harness.client()
     client.send(*(request(each) for each in line(harness, 6)))
@@ -112,7 +113,7 @@ def test_nor_are_those_that_main_has_not_got_yet() -> None:
     assert client.replies() == [(n, FAILURE) for n in range(2, 6)]
 
 
-def test_motors_off_in_a_pause_drop_the_points_too() -> None:
+def test_motors_off_in_a_pause_drops_the_points() -> None:
     harness = RobotHarness()
     client = harness.client()
     harness.machine.pause()
@@ -125,7 +126,7 @@ def test_motors_off_in_a_pause_drop_the_points_too() -> None:
     assert_works(harness, client)
 
 
-def test_motors_off_and_on_drop_the_points() -> None:
+def test_motors_off_and_on_drops_the_points() -> None:
     harness = RobotHarness()
     client = moving(harness)
     harness.robot.halt()
@@ -135,7 +136,8 @@ def test_motors_off_and_on_drop_the_points() -> None:
     assert_works(harness, client)
 
 
-def test_an_open_door_ends_main_and_the_motion() -> None:
+@pytest.mark.invariant(4)
+def test_inv4_open_door_ends_main_and_the_motion() -> None:
     harness = RobotHarness()
     client = moving(harness)
     harness.robot.states['safetyon'] = -1
@@ -152,7 +154,7 @@ def test_an_open_door_ends_main_and_the_motion() -> None:
     assert_works(harness, client)
 
 
-def test_without_door_ends_motion_the_door_is_a_pause() -> None:
+def test_without_door_ends_motion_the_door_pauses() -> None:
     harness = RobotHarness(DOOR_ENDS_MOTION='')
     moving(harness)
     harness.robot.states.update(safetyon=-1, pauseon=-1)
@@ -165,7 +167,7 @@ def test_without_door_ends_motion_the_door_is_a_pause() -> None:
     assert len(harness.robot.gone_to) == 6
 
 
-def test_in_a_pause_points_wait_and_a_stop_works() -> None:
+def test_stop_works_in_a_pause() -> None:
     harness = RobotHarness()
     client = harness.client()
     harness.robot.states['pauseon'] = -1
@@ -179,7 +181,8 @@ def test_in_a_pause_points_wait_and_a_stop_works() -> None:
     assert_works(harness, client)
 
 
-def test_a_lost_client_stops_the_arm_and_switches_the_motors_off() -> None:
+@pytest.mark.invariant(4)
+def test_inv4_lost_client_stops_the_arm_and_switches_motors_off() -> None:
     harness = RobotHarness()
     client = moving(harness)
     client.leave()
@@ -195,7 +198,7 @@ def test_a_lost_client_stops_the_arm_and_switches_the_motors_off() -> None:
     assert_works(harness, client)
 
 
-def test_the_motors_stay_on_if_config_says_so() -> None:
+def test_config_may_keep_the_motors_on() -> None:
     harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
     client = moving(harness)
     client.leave()
@@ -206,7 +209,7 @@ def test_the_motors_stay_on_if_config_says_so() -> None:
     assert_works(harness, harness.client())
 
 
-def test_the_port_listens_again_after_each_client() -> None:
+def test_port_listens_again_after_each_client() -> None:
     harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
     for _ in range(4):
         client = harness.client()
@@ -217,7 +220,7 @@ def test_the_port_listens_again_after_each_client() -> None:
 
 
 @pytest.mark.parametrize('number', [4001, 4031, 4242, 2999])
-def test_a_motion_that_fails_drops_the_points_and_main_goes_on(number: int) -> None:
+def test_failed_motion_drops_the_points_and_main_continues(number: int) -> None:
     harness = RobotHarness()
     client = harness.client()
     harness.robot.fails_with = number
@@ -229,7 +232,7 @@ def test_a_motion_that_fails_drops_the_points_and_main_goes_on(number: int) -> N
     assert_works(harness, client)
 
 
-def test_a_later_motion_that_fails_drops_the_points() -> None:
+def test_failed_later_motion_drops_the_points() -> None:
     harness = RobotHarness()
     client = moving(harness)
     harness.robot.fails_with = 4242
@@ -238,7 +241,7 @@ def test_a_later_motion_that_fails_drops_the_points() -> None:
     assert_works(harness, client)
 
 
-def test_the_stop_bit_of_somebody_else_stops_and_is_an_error() -> None:
+def test_stop_bit_set_by_another_program_is_an_error() -> None:
     harness = RobotHarness()
     client = moving(harness)
     world = harness.machine.world
@@ -250,7 +253,7 @@ def test_the_stop_bit_of_somebody_else_stops_and_is_an_error() -> None:
     assert_works(harness, client)
 
 
-def test_power_is_high_only_when_it_moves_and_only_with_the_switch() -> None:
+def test_power_is_high_only_in_motion_with_full_power() -> None:
     harness = RobotHarness()
     assert not harness.robot.power
     moving(harness)
@@ -264,12 +267,12 @@ def test_power_is_high_only_when_it_moves_and_only_with_the_switch() -> None:
     ]
 
 
-def test_the_program_is_shipped_for_a_first_run_at_low_power() -> None:
-    """Invariant 2, on a machine that nobody has tried it on: full power is switched on."""
+@pytest.mark.invariant(2)
+def test_inv2_shipped_program_uses_low_power() -> None:
     assert "\n'#define FULL_POWER 1\n" in FILES['config.inc']
 
 
-def test_main_switches_no_motors_on_and_the_servers_run_no_robot_command() -> None:
+def test_program_never_switches_motors_on() -> None:
     harness = RobotHarness()
     moving(harness)
     harness.press_estop()
@@ -284,7 +287,7 @@ def test_main_switches_no_motors_on_and_the_servers_run_no_robot_command() -> No
     }
 
 
-def test_main_says_what_is_missing_without_its_tables() -> None:
+def test_main_reports_missing_tables() -> None:
     """Background tasks are off, or main has cleared the global variables."""
     harness = RobotHarness(ready=False)
     harness.machine.clear_variables()
@@ -294,7 +297,7 @@ def test_main_says_what_is_missing_without_its_tables() -> None:
     assert (failure.number, failure.position.file) == (8002, 'main.prg')
 
 
-def test_a_server_that_ended_is_started_again() -> None:
+def test_ended_server_is_restarted() -> None:
     harness = RobotHarness()
     for number in (66, 67, 68):
         harness.machine.world.end(harness.machine.world.tasks[number])
@@ -304,7 +307,7 @@ def test_a_server_that_ended_is_started_again() -> None:
     assert harness.stream(client, line(harness, 2)) == [(0, OK), (1, OK)]
 
 
-def test_a_task_number_that_is_taken_does_not_end_bgmain() -> None:
+def test_used_task_number_does_not_end_bgmain() -> None:
     harness = RobotHarness()
     world = harness.machine.world
     world.end(world.tasks[66])
@@ -317,7 +320,7 @@ def test_a_task_number_that_is_taken_does_not_end_bgmain() -> None:
 
 
 @pytest.mark.parametrize('port', [STATE_PORT, MOTION_PORT, IO_PORT])
-def test_a_client_that_is_gone_when_it_is_written_to(port: int) -> None:
+def test_failed_write_ends_the_connection_not_the_server(port: int) -> None:
     """Error 2902 ends the connection, not the server."""
     harness = RobotHarness()
     client = harness.client(port)
@@ -333,7 +336,8 @@ def test_a_client_that_is_gone_when_it_is_written_to(port: int) -> None:
     assert reply(Ping(), ReplyCode.SUCCESS) in client.packets()
 
 
-def test_start_main_starts_main_only_when_the_motors_are_switched_on() -> None:
+@pytest.mark.invariant(4)
+def test_inv4_start_main_needs_motors_on() -> None:
     harness = RobotHarness(ready=False, START_MAIN='1')
     harness.run(1.0)
     assert not harness.task(1)
@@ -352,7 +356,7 @@ def test_start_main_starts_main_only_when_the_motors_are_switched_on() -> None:
 
 
 def test_without_background_tasks_main_starts_the_servers() -> None:
-    """The servers are NoEmgAbort: they live through an E-stop. What it loses: docs."""
+    """The servers are NoEmgAbort and survive an E-stop."""
     harness = RobotHarness(NO_BACKGROUND='1')
     assert [view.number for view in harness.machine.tasks()] == [1, 2, 3, 4]
     state = harness.client(STATE_PORT)
@@ -371,20 +375,7 @@ def test_without_background_tasks_main_starts_the_servers() -> None:
     assert_works(harness, client)
 
 
-def test_two_runs_give_the_same_bytes() -> None:
-    def run() -> tuple[bytes, bytes]:
-        harness = RobotHarness()
-        state, client = harness.client(STATE_PORT), harness.client(MOTION_PORT)
-        client.send(*(request(each) for each in line(harness, 5)))
-        harness.run(2.0)
-        client.send(request(STOP))
-        harness.run(1.0)
-        return bytes(state.socket.sent), bytes(client.socket.sent)
-
-    assert run() == run()
-
-
-def refusing(number: int = 2002) -> Callable[..., None]:
+def failing_function(number: int = 2002) -> Callable[..., None]:
     """Return a function of the robot that fails."""
 
     def refuse(*_: object) -> None:
@@ -393,14 +384,14 @@ def refusing(number: int = 2002) -> Callable[..., None]:
     return refuse
 
 
-def test_an_error_between_two_clients_ends_no_server() -> None:
-    """What drops points and switches outputs off may fail; the servers serve the next client."""
+def test_error_between_two_clients_ends_no_server() -> None:
+    """Dropping points and switching outputs off may fail. The servers continue."""
     harness = RobotHarness()
     motion, io = harness.client(MOTION_PORT), harness.client(IO_PORT)
     harness.stream(motion, [point(0, harness.robot.position)])
     io.send(request(IoWrite(1, (IoSetting(IoType.DIGITAL_OUTPUT, 3, 1),))))
     harness.run(0.1)
-    writes, harness.robot.write_bits = harness.robot.write_bits, refusing()
+    writes, harness.robot.write_bits = harness.robot.write_bits, failing_function()
     motion.leave()
     io.leave()
     harness.run(1.0)
@@ -411,8 +402,8 @@ def test_an_error_between_two_clients_ends_no_server() -> None:
     assert {66, 67, 68} <= harness.machine.world.tasks.keys()
 
 
-def test_tables_that_cannot_be_filled_leave_main_waiting() -> None:
-    values, SimpleRobot.value = SimpleRobot.value, refusing()  # type: ignore[assignment]
+def test_main_waits_for_tables_that_cannot_be_filled() -> None:
+    values, SimpleRobot.value = SimpleRobot.value, failing_function()  # type: ignore[assignment]
     try:
         harness = RobotHarness(ready=False)
     finally:

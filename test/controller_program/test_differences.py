@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The same bytes to the built-in program and to the SPEL+ program: what differs, the page says.
+"""The built-in and the SPEL+ program get the same bytes. The page lists the differences.
 
-`byte_scripts.py` has the scripts. Of each it counts what is answered, whether the client is cut
-off, and where the arm rests in the end.
+`byte_scripts.py` contains the scripts. Replies, connection and final position are compared.
 """
 
 import re
@@ -28,13 +27,13 @@ BETWEEN_S = 0.02
 
 
 def differences() -> dict[str, tuple[str, str]]:
-    """Return the rows of the page's table: script to what both programs do."""
+    """Return the table of the page: script to the behaviour of both programs."""
     section = PAGE.read_text(encoding='utf-8').split(SECTION)[1].split('\n#')[0]
     rows = re.findall(r'^\| (.+?) \| (.+?) \| (.+?) \| .+? \|$', section, re.MULTILINE)
     return {name: (one, other) for name, one, other in rows[1:] if set(name) != {'-'}}
 
 
-def played(script: Script, send, step, do) -> None:
+def play_script(script: Script, send, step, do) -> None:
     for each in script:
         if isinstance(each, bytes):
             send(each)
@@ -47,7 +46,7 @@ def played(script: Script, send, step, do) -> None:
 
 
 def outcome(script: Script, data: bytes, cut: bool, position) -> tuple[str, str, str]:
-    """Return the replies, whether the client was cut off, and what became of the arm, in words."""
+    """Return the replies, the state of the connection and the result of the motion, as text."""
     replies = []
     for code, group in groupby(split(data), lambda each: each[2]):
         numbers = ' '.join(_number(kind, body) for kind, _, _, body in group)
@@ -66,7 +65,7 @@ def outcome(script: Script, data: bytes, cut: bool, position) -> tuple[str, str,
 
 
 def _number(kind: int, body: bytes) -> str:
-    """Return the sequence of the reply to a point; of other replies the type."""
+    """Return the sequence of a reply to a point, or the type of another reply."""
     if kind != POINT_REPLY:
         return f'type {kind}'
     return str(int.from_bytes(body[:4], 'little', signed=True))
@@ -75,7 +74,7 @@ def _number(kind: int, body: bytes) -> str:
 def by_spel(script: Script) -> tuple[str, str, str]:
     harness = OurProgramHarness()
     motion, peer = harness.ready()
-    played(script, motion.receive, harness.step, harness.do)
+    play_script(script, motion.receive, harness.step, harness.do)
     return outcome(script, peer.take(), peer.ended is not None, harness.position)
 
 
@@ -86,24 +85,24 @@ def by_built_in(script: Script) -> tuple[str, str, str]:
     def send(data: bytes) -> None:
         try:
             harness.connection.receive(data)
-        except FrameError:  # who serves the port closes the connection
+        except FrameError:  # the server of the port closes the connection
             cut.append(True)
 
-    played(script, send, harness.step, harness.do)
+    play_script(script, send, harness.step, harness.do)
     ended = bool(cut) or harness.peer.ended is not None
     return outcome(script, harness.peer.take(), ended, harness.controller.arm.commanded)
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('name', one_in(6, SCRIPTS))
-def test_both_programs_do_the_same_but_for_what_the_page_says(name: str) -> None:
+def test_programs_differ_only_as_the_page_describes(name: str) -> None:
     script = SCRIPTS[name]
     one, other = by_built_in(script), by_spel(script)
     unlike = [pair for pair in zip(one, other, strict=True) if pair[0] != pair[1]]
-    said = tuple(', '.join(each) for each in zip(*unlike, strict=True))
-    assert said == differences().get(name, ())
+    rows = tuple(', '.join(each) for each in zip(*unlike, strict=True))
+    assert rows == differences().get(name, ())
 
 
-def test_the_page_names_scripts_that_there_are() -> None:
+def test_page_names_existing_scripts() -> None:
     assert differences().keys() <= SCRIPTS.keys()
     assert differences()

@@ -71,7 +71,7 @@ def bits(harness: RobotHarness, memory: Memory) -> set[int]:
     return {index for index, value in harness.robot.bits[memory].items() if value}
 
 
-def test_info(harness: RobotHarness, client: Client) -> None:
+def test_info_lists_the_ranges(harness: RobotHarness, client: Client) -> None:
     ranges = (
         IoRange(DI, 0, 24, 2),
         IoRange(DO, 0, 16, 3),
@@ -84,12 +84,12 @@ def test_info(harness: RobotHarness, client: Client) -> None:
     assert ask(harness, client, IoInfo(77)) == IoInfoReply(77, 1, ranges)
 
 
-def test_read(harness: RobotHarness, client: Client) -> None:
+def test_read_answers_each_item(harness: RobotHarness, client: Client) -> None:
     for index in (1, 9, 15):
         harness.robot.write_bits(Memory.INPUT, index, 1, 1)
     harness.robot.write_bits(Memory.OUTPUT, 3, 1, 1)
     harness.robot.write_bits(Memory.MEMORY, 63, 1, 1)
-    wanted = {
+    expected = {
         (DI, 1): (DONE, 1),
         (DI, 2): (DONE, 0),
         (DO, 3): (DONE, 1),
@@ -109,14 +109,14 @@ def test_read(harness: RobotHarness, client: Client) -> None:
         (DO, 2**31 - 1): (NO_INDEX, 0),
         (DO, 1000): (NO_INDEX, 0),
     }
-    found = ask(harness, client, IoRead(5, tuple(IoAddress(*each) for each in wanted)))
+    found = ask(harness, client, IoRead(5, tuple(IoAddress(*each) for each in expected)))
     assert found.message_id == 5
-    assert found.items == tuple(IoReading(*a, *b) for a, b in wanted.items())
+    assert found.items == tuple(IoReading(*a, *b) for a, b in expected.items())
     assert 0 < found.timestamp <= harness.machine.time * 1000
 
 
-def test_write(harness: RobotHarness, client: Client) -> None:
-    wanted = {
+def test_write_sets_outputs(harness: RobotHarness, client: Client) -> None:
+    expected = {
         (DO, 15, 1): DONE,
         (FLAG, 5, 1): DONE,
         (FLAG, 6, 0): DONE,
@@ -131,20 +131,20 @@ def test_write(harness: RobotHarness, client: Client) -> None:
         (GI, 0, 1): READ_ONLY,
         (AI, 0, 1): NO_TYPE,
     }
-    found = ask(harness, client, IoWrite(6, tuple(IoSetting(*each) for each in wanted)))
-    assert found.items == tuple(IoOutcome(a, b, r) for (a, b, _), r in wanted.items())
+    found = ask(harness, client, IoWrite(6, tuple(IoSetting(*each) for each in expected)))
+    assert found.items == tuple(IoOutcome(a, b, r) for (a, b, _), r in expected.items())
     assert bits(harness, Memory.OUTPUT) == {7, 15}
     assert bits(harness, Memory.MEMORY) & set(range(64)) == {5}
     ask(harness, client, IoWrite(7, (IoSetting(GO, 1000, 0xC003),)))
     assert bits(harness, Memory.OUTPUT) == {0, 1, 14, 15}
 
 
-def test_the_stop_bit_cannot_be_written(harness: RobotHarness, client: Client) -> None:
+def test_stop_bit_cannot_be_written(harness: RobotHarness, client: Client) -> None:
     found = ask(harness, client, IoWrite(1, (IoSetting(FLAG, 500, 1), IoSetting(FLAG, 64, 1))))
     assert [item.result for item in found.items] == [NO_INDEX, NO_INDEX]
 
 
-def test_reset(harness: RobotHarness, client: Client) -> None:
+def test_reset_clears_outputs(harness: RobotHarness, client: Client) -> None:
     for items, outputs, flags in (
         (((DO, 3),), {4, 12}, {3}),
         (((GO, 1),), {3, 4}, {3}),
@@ -170,9 +170,7 @@ def test_reset(harness: RobotHarness, client: Client) -> None:
     assert [item.result for item in found.items] == [READ_ONLY, READ_ONLY, NO_TYPE, NO_INDEX]
 
 
-def test_publications_on_change_and_from_time_to_time(
-    harness: RobotHarness, client: Client
-) -> None:
+def test_publications_on_change_and_periodically(harness: RobotHarness, client: Client) -> None:
     spans = (IoSpan(DI, 0, 24), IoSpan(GO, 0, 2), IoSpan(FLAG, 0, 64))
     found = ask(harness, client, IoSubscribe(8, spans))
     expected = tuple(IoOutcome(each.io_type, each.start, DONE) for each in spans)
@@ -196,7 +194,7 @@ def test_publications_on_change_and_from_time_to_time(
     assert client.packets() == []
 
 
-def test_as_much_as_can_be_subscribed_to(harness: RobotHarness, client: Client) -> None:
+def test_largest_subscription_is_published(harness: RobotHarness, client: Client) -> None:
     spans = [IoSpan(FLAG, n, 64 - n) for n in range(5)] + [IoSpan(FLAG, 0, 1)]
     found = ask(harness, client, IoSubscribe(1, tuple(spans)))
     assert [item.result for item in found.items] == [DONE] * 4 + [TOO_MUCH, DONE]
@@ -208,7 +206,7 @@ def test_as_much_as_can_be_subscribed_to(harness: RobotHarness, client: Client) 
     assert len(last.message.items) == 8
 
 
-def test_outputs_go_off_with_the_client_that_wrote_them(
+def test_outputs_are_cleared_when_their_client_disconnects(
     harness: RobotHarness, client: Client
 ) -> None:
     ask(harness, client, IoWrite(1, (IoSetting(DO, 3, 1), IoSetting(FLAG, 3, 1))))
@@ -224,7 +222,7 @@ def test_outputs_go_off_with_the_client_that_wrote_them(
     assert bits(harness, Memory.OUTPUT) == {3}
 
 
-def test_outputs_stay_if_config_says_so() -> None:
+def test_config_may_keep_the_outputs() -> None:
     harness = RobotHarness(IO_OFF_WHEN_LOST='')
     client = harness.client(IO_PORT)
     ask(harness, client, IoWrite(1, (IoSetting(DO, 3, 1),)))
@@ -233,18 +231,18 @@ def test_outputs_stay_if_config_says_so() -> None:
     assert bits(harness, Memory.OUTPUT) == {3}
 
 
-def test_outputs_that_rc_plus_uses_as_remote_outputs_are_read_only() -> None:
-    """As it is shipped: bits 0 to 7, with their byte and their word."""
+def test_remote_outputs_of_rc_plus_are_read_only() -> None:
+    """The shipped configuration reserves bits 0 to 7, their byte and their word."""
     assert '\n#define IO_FIRST_OUTPUT_BYTE 1\n' in FILES['config.inc']
     harness = RobotHarness(IO_FIRST_OUTPUT_BYTE='1')
     client = harness.client(IO_PORT)
-    wanted = (
+    settings = (
         IoSetting(DO, 7, 1),
         IoSetting(DO, 8, 1),
         IoSetting(GO, 0, 1),
         IoSetting(GO, 1000, 1),
     )
-    answer = ask(harness, client, IoWrite(1, wanted))
+    answer = ask(harness, client, IoWrite(1, settings))
     assert [each.result for each in answer.items] == [1002, 1, 1002, 1002]
     harness.robot.bits[Memory.OUTPUT][2] = 1
     ask(harness, client, IoReset(2, (IoAddress(DO, -1),)))
@@ -252,20 +250,20 @@ def test_outputs_that_rc_plus_uses_as_remote_outputs_are_read_only() -> None:
 
 
 @pytest.mark.parametrize('state', ['estopon', 'safetyon'])
-def test_outputs_are_written_in_an_estop_and_with_the_door_open(state: str) -> None:
+def test_outputs_are_written_in_an_estop_and_with_an_open_door(state: str) -> None:
     """The manual demands Forced for it (p560, p567), and the interpreter does."""
     harness = RobotHarness()
     client = harness.client(IO_PORT)
     harness.robot.states[state] = -1
-    wanted = (IoSetting(DO, 3, 1), IoSetting(GO, 1, 5), IoSetting(GO, 1000, 0x0108))
-    answer = ask(harness, client, IoWrite(1, wanted))
+    settings = (IoSetting(DO, 3, 1), IoSetting(GO, 1, 5), IoSetting(GO, 1000, 0x0108))
+    answer = ask(harness, client, IoWrite(1, settings))
     assert [each.result for each in answer.items] == [1, 1, 1]
     client.leave()
     harness.run(0.5)
     assert bits(harness, Memory.OUTPUT) == set()
 
 
-def test_what_is_no_request_of_io(harness: RobotHarness, client: Client) -> None:
+def test_other_messages_get_failure(harness: RobotHarness, client: Client) -> None:
     count = (5).to_bytes(4, 'little')
     huge = (2**31 - 1).to_bytes(4, 'little')
     client.send(request(GetVersion()), topic(IoInfo(1)))
@@ -282,15 +280,13 @@ def test_what_is_no_request_of_io(harness: RobotHarness, client: Client) -> None
     assert client.open
 
 
-def test_a_long_read_is_sent_in_pieces(harness: RobotHarness, client: Client) -> None:
-    """122 items are 1,976 bytes; WriteBin takes 1,023."""
+def test_long_reply_is_sent_in_pieces(harness: RobotHarness, client: Client) -> None:
+    """122 items have 1,976 bytes, and WriteBin accepts 1,023."""
     items = tuple(IoAddress(DI, n % 24) for n in range(122))
     assert len(ask(harness, client, IoRead(1, items)).items) == 122
 
 
-def test_the_clock_begins_again_before_it_is_too_long_for_a_long(
-    harness: RobotHarness, client: Client
-) -> None:
+def test_clock_wraps_before_its_overflow(harness: RobotHarness, client: Client) -> None:
     ask(harness, client, IoSubscribe(8, (IoSpan(DI, 0, 1),)))
     harness.machine.world.timers[58] = harness.machine.time - 2_000_001.0
     found = ask(harness, client, IoRead(5, (IoAddress(DI, 1),)))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion server of the controller program, with hostile clients too."""
+"""The motion server of the SPEL+ program beyond test_motion_rules.py, and hostile clients."""
 
 import math
 import struct
@@ -58,15 +58,15 @@ def close_to(a, b) -> bool:
     return all(abs(x - y) < 1e-4 for x, y in zip(a, b, strict=True))
 
 
-def test_the_target_of_go_is_that_of_the_point(harness: RobotHarness, client: Client) -> None:
-    """The angles of Go are those of the message, in binary64, times 180/pi."""
+def test_target_of_go_is_the_target_of_the_point(harness: RobotHarness, client: Client) -> None:
+    """Go gets the angles of the message in binary64, multiplied by 180/pi."""
     radians = struct.unpack('<6f', struct.pack('<6f', 0.1, -0.2, 0.3, -0.4, 0.5, 3.25))
     assert harness.stream(client, [JointTrajPt(0, joint_data(radians), 0.0, 1.0)]) == [(0, OK)]
     harness.rest()
     assert harness.robot.gone_to[0][0] == tuple(each * 57.29577951308232 for each in radians)
 
 
-def test_a_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -> None:
+def test_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -> None:
     points = line(harness, 12)
     assert harness.stream(client, points) == [(n, OK) for n in range(12)]
     harness.rest()
@@ -74,8 +74,8 @@ def test_a_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -
     assert close_to(harness.robot.position, [math.degrees(each) for each in points[-1].joints[:6]])
 
 
-def test_rounding_of_speed_is_carried_on(harness: RobotHarness, client: Client) -> None:
-    """4 degrees in 0.2 s are 4.73 % of joint 1: Speed 4 and 5 in turn keep the whole time."""
+def test_rounding_of_speed_is_compensated(harness: RobotHarness, client: Client) -> None:
+    """4 degrees in 0.2 s are 4.73 % of joint 1. Speed alternates between 4 and 5."""
     harness.stream(client, line(harness, 20))
     harness.rest()
     speeds = [speed for _, speed, *_ in harness.robot.gone_to]
@@ -84,8 +84,8 @@ def test_rounding_of_speed_is_carried_on(harness: RobotHarness, client: Client) 
     assert abs(planned - 20 * 0.2) < 4.0 / FASTEST[0] / 4.0 * 100.0 * 0.25
 
 
-def test_accel_fits_speed(harness: RobotHarness, client: Client) -> None:
-    """Accelerations take BLEND_MS, so that Accel is Speed; on a short way they are quicker."""
+def test_accel_matches_speed(harness: RobotHarness, client: Client) -> None:
+    """Accelerations take BLEND_MS, so Accel equals Speed, except for short distances."""
     start = harness.robot.position
     harness.stream(client, [point(0, moved(start, j1=30.0), 0.25)])
     harness.rest()
@@ -100,7 +100,7 @@ def test_accel_fits_speed(harness: RobotHarness, client: Client) -> None:
 def test_velocity_of_a_point_with_a_duration_is_rounded_up(
     harness: RobotHarness, client: Client, velocity
 ) -> None:
-    """A percent less, and each point of a stream would take longer than the time to the next."""
+    """Otherwise each point of a stream would take longer than its duration."""
     (aimed,) = line(harness, 1, step=30.0, duration=0.1)
     harness.stream(client, [replace(aimed, velocity=velocity)])
     harness.rest()
@@ -114,8 +114,8 @@ def test_accel_is_at_least_1_percent() -> None:
     assert harness.robot.gone_to[0][1:3] == (1.0, 1.0)
 
 
-def test_what_cannot_be_made_up_for_is_forgotten(harness: RobotHarness, client: Client) -> None:
-    """An arm that was held back does not hurry for long: half a second is carried on."""
+def test_compensated_delay_is_limited(harness: RobotHarness, client: Client) -> None:
+    """A delay of at most half a second is compensated."""
     start = harness.robot.position
     slow = [point(n, moved(start, j1=4.0 * (n + 1)), 0.1, 0.02) for n in range(5)]
     harness.stream(client, slow)
@@ -125,7 +125,7 @@ def test_what_cannot_be_made_up_for_is_forgotten(harness: RobotHarness, client: 
     assert harness.robot.gone_to[-1][1] == 5.0
 
 
-def test_joints_whose_pulses_count_down() -> None:
+def test_limits_of_joints_with_descending_pulses() -> None:
     harness = RobotHarness(sign=-1)
     client = harness.client()
     assert harness.shared('g_highest').d[0] > harness.shared('g_lowest').d[0]
@@ -135,7 +135,7 @@ def test_joints_whose_pulses_count_down() -> None:
     assert harness.stream(client, [point(0, inside)]) == [(0, OK)]
 
 
-def test_velocity_caps_speed(harness: RobotHarness, client: Client) -> None:
+def test_velocity_limits_speed(harness: RobotHarness, client: Client) -> None:
     start = harness.robot.position
     points = [
         point(0, moved(start, j1=20.0), 0.0, 0.3),
@@ -148,7 +148,7 @@ def test_velocity_caps_speed(harness: RobotHarness, client: Client) -> None:
     assert [speed for _, speed, *_ in harness.robot.gone_to] == [30.0, 10.0, 100.0, 1.0]
 
 
-def test_the_arm_stands_for_the_time_of_a_point_that_is_where_it_is(
+def test_point_at_the_current_position_waits_for_its_duration(
     harness: RobotHarness, client: Client
 ) -> None:
     start = harness.robot.position
@@ -161,7 +161,7 @@ def test_the_arm_stands_for_the_time_of_a_point_that_is_where_it_is(
     assert second - first > 1.0 + 0.1
 
 
-def test_in_the_teach_mode_points_are_refused(harness: RobotHarness, client: Client) -> None:
+def test_points_in_teach_mode_are_refused(harness: RobotHarness, client: Client) -> None:
     harness.robot.states['ctrlinfo'] = 0
     assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
     assert harness.shared('g_point_error') == MOTORS_OFF
@@ -170,7 +170,7 @@ def test_in_the_teach_mode_points_are_refused(harness: RobotHarness, client: Cli
 def test_stop_ends_the_motion_within_its_deceleration(
     harness: RobotHarness, client: Client
 ) -> None:
-    """STOP through Till: the arm stands after polling (10 ms), a scan (10 ms) and braking."""
+    """STOP works by Till: polling (10 ms), a scan (10 ms) and braking."""
     harness.stream(client, line(harness, 6, 20.0, 1.0))
     harness.run(0.8)
     moving_to = len(harness.robot.gone_to)
@@ -185,10 +185,8 @@ def test_stop_ends_the_motion_within_its_deceleration(
     assert harness.task(1)
 
 
-def test_a_new_trajectory_after_a_stop_begins_from_rest(
-    harness: RobotHarness, client: Client
-) -> None:
-    """Its points wait until the arm stands: Speed is right for the way from there."""
+def test_speed_after_a_stop_is_computed_from_rest(harness: RobotHarness, client: Client) -> None:
+    """The points wait until the arm is at rest, so Speed fits the distance from there."""
     harness.stream(client, line(harness, 3, 40.0, 1.0))
     harness.run(0.5)
     begun = len(harness.robot.gone_to)
@@ -203,8 +201,8 @@ def test_a_new_trajectory_after_a_stop_begins_from_rest(
     assert abs(speed - wanted) <= 1.0
 
 
-def test_points_that_are_not_answered_fail_before_the_stop_is_answered() -> None:
-    """The look-ahead holds a fast client back; what it has sent by then is answered in order."""
+def test_unanswered_points_fail_before_the_reply_to_stop() -> None:
+    """Points beyond the look-ahead are unanswered when STOP arrives."""
     harness = RobotHarness(LOOK_AHEAD='4')
     client = harness.client()
     client.send(*(request(each) for each in line(harness, 8, 10.0, 1.0)))
@@ -215,7 +213,7 @@ def test_points_that_are_not_answered_fail_before_the_stop_is_answered() -> None
     assert client.replies() == [*((n, FAILURE) for n in range(4, 8)), (-4, OK)]
 
 
-def test_a_ring_that_goes_round(harness: RobotHarness, client: Client) -> None:
+def test_ring_wraps_around(harness: RobotHarness, client: Client) -> None:
     for _ in range(9):
         points = line(harness, 30, 1.0, 0.05)
         assert harness.stream(client, points) == [(n, OK) for n in range(30)]
@@ -226,7 +224,7 @@ def test_a_ring_that_goes_round(harness: RobotHarness, client: Client) -> None:
     assert len(harness.robot.gone_to) == 9 * 31
 
 
-def test_a_download_in_the_wrong_order_is_refused(harness: RobotHarness, client: Client) -> None:
+def test_download_in_the_wrong_order_is_refused(harness: RobotHarness, client: Client) -> None:
     client.send(*(request(JointTrajPt(n, (0.0,) * 10, 0.1, 0.2)) for n in (-1, 2, -3)))
     harness.run(0.3)
     assert client.replies() == [(-1, OK), (2, FAILURE), (-3, FAILURE)]
@@ -236,10 +234,8 @@ def test_a_download_in_the_wrong_order_is_refused(harness: RobotHarness, client:
     assert client.replies() == [(-1, FAILURE), (0, FAILURE), (0, OK)]
 
 
-def test_the_arm_does_not_rest_while_points_are_there(
-    harness: RobotHarness, client: Client
-) -> None:
-    """The next Go comes as soon as the one before is over: no wait of the program in between."""
+def test_next_go_starts_without_a_pause(harness: RobotHarness, client: Client) -> None:
+    """The program does not wait between two Go statements."""
     harness.stream(client, line(harness, 10))
     harness.rest()
     begun = harness.robot.times
@@ -255,13 +251,13 @@ def test_the_arm_does_not_rest_while_points_are_there(
     assert sum(rested) <= len(begun)
 
 
-def test_the_port_belongs_to_one_client(harness: RobotHarness, client: Client) -> None:
+def test_port_settings(harness: RobotHarness, client: Client) -> None:
     settings = harness.robot.sockets[MOTION_PORT].settings
     assert (settings.host, settings.tcp_port) == ('192.168.0.2', 11000)
     assert client.open
 
 
-# ---- a client that hangs
+# ---- a silent client
 
 
 HEARTBEAT = topic(Ping())
@@ -272,9 +268,7 @@ def slow(harness: RobotHarness, count: int = 4) -> list:
     return [request(each) for each in line(harness, count, step=10.0, duration=2.0)]
 
 
-def test_a_client_may_be_silent_while_no_main_takes_its_points(
-    harness: RobotHarness, client: Client
-) -> None:
+def test_client_may_be_silent_without_main(harness: RobotHarness, client: Client) -> None:
     client.send(HEARTBEAT, *slow(harness, 12))
     harness.run(0.3)
     harness.press_estop()
@@ -287,7 +281,7 @@ def test_a_client_may_be_silent_while_no_main_takes_its_points(
 
 
 POINT_BYTES = 52
-"""Of the body of a JOINT_TRAJ_PT. Here joint 1 is at 9 rad: others could be good points."""
+"""Size of the body of a JOINT_TRAJ_PT. Joint 1 is at 9 rad, so no point is valid."""
 
 EDGES = [-(2**31), 2**31 - 1, -5, -4, -3, -2, -1, 0, 1, 2, 3, 10, 11, 12, 13, 64, 1000, 65200]
 
@@ -325,9 +319,7 @@ CHUNKS = st.lists(st.one_of(FRAMES, FRAMES, FRAMES, st.binary(max_size=40)), max
 
 @settings(max_examples=examples(25), deadline=None, suppress_health_check=list(HealthCheck))
 @given(port=st.sampled_from([STATE_PORT, MOTION_PORT, IO_PORT]), chunks=CHUNKS, cut=st.booleans())
-def test_hostile_frames_end_nothing_and_move_nothing(
-    port: int, chunks: list[bytes], cut: bool
-) -> None:
+def test_hostile_frames_move_nothing(port: int, chunks: list[bytes], cut: bool) -> None:
     harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
     client = harness.client(port)
     for chunk in chunks:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pages about the controller program, and what its tests cover."""
+"""The page about the controller program, and the coverage of its tests."""
 
 import inspect
 import logging
@@ -38,11 +38,11 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs' / 'controller_program.md').read_text(encoding='utf-8')
 PROGRAMS = sorted((ROOT / 'docs' / 'examples' / 'spel').glob('*.prg'))
 LOOP_WITHOUT_WAIT = 'endless-loop'
-"""What one of the questions asks about."""
+"""The subject of one of the questions."""
 
 
 @pytest.mark.parametrize('program', PROGRAMS, ids=lambda each: each.stem)
-def test_the_programs_of_the_questions_can_be_built(program: Path) -> None:
+def test_programs_of_the_questions_can_be_built(program: Path) -> None:
     assert f'(examples/spel/{program.name})' in PAGE
     files = {
         'main.prg': program.read_text(encoding='utf-8'),
@@ -52,7 +52,7 @@ def test_the_programs_of_the_questions_can_be_built(program: Path) -> None:
     assert found <= {LOOP_WITHOUT_WAIT}
 
 
-def test_the_page_has_every_name_of_config() -> None:
+def test_page_has_every_name_of_config() -> None:
     names = re.findall(r"(?m)^'?#define (\w+)", FILES['config.inc'])
     written = set(re.findall(r'`([A-Z]\w*|…_\w+|\w+_…)`', PAGE))
     patterns = [each.replace('…', '') for each in written if '…' in each]
@@ -61,7 +61,7 @@ def test_the_page_has_every_name_of_config() -> None:
         assert name in written or covered or re.fullmatch(r'J\d_SPEED', name), name
 
 
-def test_the_page_has_every_error_number_of_the_program() -> None:
+def test_page_has_every_error_number_of_the_program() -> None:
     numbers = re.findall(r'nError=(\d+)', FILES['UserErrors.dat'])
     numbers += re.findall(
         r'(?m)^#define \w+ (\d{4})$', FILES['messages.inc'].split('STATUS besides')[1]
@@ -70,8 +70,8 @@ def test_the_page_has_every_error_number_of_the_program() -> None:
         assert f'| {number} |' in PAGE, number
 
 
-def test_the_page_s_measurement_finds_how_long_accelerations_take(caplog) -> None:
-    """What a person is told to measure is what the simulated arm has, and the profile puts in."""
+def test_measurement_of_the_page_returns_the_acceleration_times(caplog) -> None:
+    """The measured times are those of the simulated arm and of the profile."""
     caplog.set_level(logging.INFO)
     (program,) = [each for each in PROGRAMS if each.stem == 'measure_accelerations']
     harness = SpelProgramHarness(program.read_text(encoding='utf-8'), caplog)
@@ -97,7 +97,7 @@ BEHIND_A_LOOP = 'Fend'
 """Tasks never end: the Fend of their functions is not reached."""
 
 LINES_OF_BYTES = 'bytes.prg'
-"""test_bytes.py sees to it."""
+"""Covered by test_bytes.py."""
 
 
 def _parameters(test: Callable[..., None]) -> Iterator[dict[str, object]]:
@@ -130,7 +130,7 @@ def _run(test: Callable[..., None], port: int, given: dict[str, object], caplog:
 
 @pytest.mark.slow
 def test_every_statement_is_executed(caplog) -> None:
-    """The tests of the servers and of main, run once more, leave no line of the program out."""
+    """The tests of the servers and of main execute every line of the program."""
     with executed_lines() as lines:
         for module, port in PORTS.items():
             for name, test in vars(module).items():
@@ -158,8 +158,8 @@ def test_no_background_task_has_a_statement_outside_an_error_handler(name: str) 
     assert isinstance(first, OnErr)
 
 
-def test_nothing_is_written_that_no_old_program_has() -> None:
-    """Assigned comparisons without brackets, and the protocol of SetNet."""
+def test_program_uses_only_old_syntax() -> None:
+    """Assigned comparisons have brackets, and SetNet names its protocol."""
     for node in walk([each.body for each in FUNCTIONS.values()]):
         if isinstance(node, Assign) and isinstance(node.value, Binary):
             line = FILES[node.at.file].split('\n')[node.at.line - 1]
@@ -189,5 +189,5 @@ def test_nothing_is_written_that_no_old_program_has() -> None:
     ),
     ids=str,
 )
-def test_the_linter_finds_nothing_with_any_switch(version: int, switches: dict[str, str]) -> None:
+def test_linter_finds_nothing_with_any_switch(version: int, switches: dict[str, str]) -> None:
     assert [str(problem) for problem in check(changed(**switches), version)] == []

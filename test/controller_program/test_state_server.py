@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""state.prg: JOINT_POSITION every 10 ms, STATUS after ten of them, every field of it known."""
+"""state.prg: JOINT_POSITION every 10 ms, STATUS after ten of them, with all fields."""
 
 import math
 from itertools import pairwise
@@ -46,9 +46,7 @@ def status(harness: RobotHarness, client: Client) -> Status:
     return [each.message for each in client.packets() if isinstance(each.message, Status)][-1]
 
 
-def test_joints_are_those_of_the_encoders_bit_by_bit(
-    harness: RobotHarness, client: Client
-) -> None:
+def test_joints_are_the_encoder_values_in_binary32(harness: RobotHarness, client: Client) -> None:
     """RealPls times degrees per pulse, rounded once to binary32."""
     harness.robot.joints = (12.3456789, -98.7654321, 1.1e-4, 179.9, -0.5, 0.0)
     harness.run(0.02)
@@ -63,7 +61,7 @@ def test_joints_are_those_of_the_encoders_bit_by_bit(
     assert got.count(b'\x38\0\0\0\x0a\0\0\0\x01\0\0\0\0\0\0\0') == got.count(expected)
 
 
-def test_degrees_per_pulse_are_exact_to_less_than_a_pulse(harness: RobotHarness) -> None:
+def test_degrees_per_pulse_are_exact_within_a_pulse(harness: RobotHarness) -> None:
     for joint, (held, pulses) in enumerate(
         zip(harness.shared('g_per_pulse').d, PULSES, strict=True)
     ):
@@ -71,7 +69,7 @@ def test_degrees_per_pulse_are_exact_to_less_than_a_pulse(harness: RobotHarness)
     assert harness.shared('g_zero').d == [0.0] * 6
 
 
-def test_a_joint_position_every_10_ms_and_a_status_after_ten(
+def test_joint_position_every_10_ms_and_status_after_ten(
     harness: RobotHarness, client: Client
 ) -> None:
     harness.run(10.0)
@@ -90,7 +88,7 @@ def test_status_is_bit_exact(harness: RobotHarness, client: Client) -> None:
     assert encode(topic(expected), LITTLE_ENDIAN) in client.raw()
 
 
-def test_every_field_of_the_status(harness: RobotHarness, client: Client) -> None:
+def test_every_field_of_status(harness: RobotHarness, client: Client) -> None:
     assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
     harness.robot.motors = False
     assert status(harness, client) == Status(0, 0, 0, 0, 0, Mode.AUTO, 0)
@@ -108,7 +106,7 @@ def test_every_field_of_the_status(harness: RobotHarness, client: Client) -> Non
     assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
 
 
-def test_in_motion_and_errors_of_points_and_of_main(harness: RobotHarness, client: Client) -> None:
+def test_status_shows_motion_and_errors(harness: RobotHarness, client: Client) -> None:
     motion = harness.client()
     harness.stream(motion, [point(0, [90.0, 0.0, 0.0, 0.0, 30.0, 0.0], 3.0)])
     harness.run(0.5)
@@ -123,7 +121,7 @@ def test_in_motion_and_errors_of_points_and_of_main(harness: RobotHarness, clien
     assert status(harness, client).error_code == 4242
 
 
-def test_an_arm_that_stands_with_points_to_go_to_is_in_motion(
+def test_arm_at_rest_with_pending_points_is_in_motion(
     harness: RobotHarness, client: Client
 ) -> None:
     motion = harness.client()
@@ -145,7 +143,7 @@ def test_requests_are_answered_between_the_messages(harness: RobotHarness, clien
     assert got == [reply(Ping(), ReplyCode.SUCCESS), reply(Opaque(1599), ReplyCode.FAILURE)]
 
 
-def test_a_lost_client_is_followed_by_the_next(harness: RobotHarness, client: Client) -> None:
+def test_next_client_is_served_after_a_lost_one(harness: RobotHarness, client: Client) -> None:
     for _ in range(3):
         client.leave()
         harness.run(0.5)
@@ -155,7 +153,7 @@ def test_a_lost_client_is_followed_by_the_next(harness: RobotHarness, client: Cl
     assert harness.robot.failures == []
 
 
-def test_a_client_that_sends_what_makes_no_sense_is_thrown_out(
+def test_client_with_invalid_lengths_is_disconnected(
     harness: RobotHarness, client: Client
 ) -> None:
     client.send_bytes(b'\xff' * 100)
@@ -170,10 +168,8 @@ def test_a_client_that_sends_what_makes_no_sense_is_thrown_out(
     assert harness.client(STATE_PORT).packets()
 
 
-def test_a_controller_that_is_busy_sends_later_not_more(
-    harness: RobotHarness, client: Client
-) -> None:
-    """After a gap the messages go on at their rate: those that were missed are not made up for."""
+def test_busy_controller_sends_later_but_not_more(harness: RobotHarness, client: Client) -> None:
+    """After a gap the messages continue at their rate. Missed ones are skipped."""
     task = next(each for each in harness.machine.world.tasks.values() if each.number == 67)
     task.halted = True
     harness.run(2.0)
