@@ -19,7 +19,7 @@ DT = 0.001
 PERIOD = 0.02
 
 
-def way(count, amplitude=0.4):
+def curve_points(count, amplitude=0.4):
     """Return points of a curve from rest at HOME, shape (count, 6), rad."""
     phase = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
     curve = amplitude * np.outer(phase, [1.0, -0.6, 0.4, 0.8, -0.5, 1.2])
@@ -28,9 +28,9 @@ def way(count, amplitude=0.4):
 
 
 class StreamingHarness:
-    """The arm, the points that wait for room, and where it has been; `taken` counts points.
+    """The arm, the waiting points, and the commanded motion. `taken` counts accepted points.
 
-    positions, velocities: what the arm commanded at first and after each step.
+    positions, velocities: commanded values at the start and after each step.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class StreamingHarness:
         self.velocities = [self.arm.velocity]
 
     def send(self, points, period=PERIOD, velocity=0.0, first=0):
-        """Have points wait; the arm takes them as it has room."""
+        """Queue points, which the arm accepts when it has room."""
         for sequence, target in enumerate(np.asarray(points, dtype=float), start=first):
             duration = period if sequence else 0.0
             self.waiting.append(Point(sequence, target, velocity, duration))
@@ -66,7 +66,7 @@ class StreamingHarness:
             self._step()
 
     def rest(self, most=30.0):
-        """Run until the arm has been everywhere; return how long that took, s."""
+        """Run until the arm has reached all points, and return the time needed, s."""
         steps = 0
         while self.arm.moving or self.waiting:
             assert steps * DT < most, 'it does not come to rest'
@@ -75,17 +75,17 @@ class StreamingHarness:
         return steps * DT
 
     def until_still(self, most=2.0):
-        """Run until the arm stands; return how long that took, s."""
+        """Run until the arm is at rest, and return the time needed, s."""
         steps = 0
         while not self.arm.still:
-            assert steps * DT < most, 'it does not stand'
+            assert steps * DT < most, 'the arm does not come to rest'
             self._step()
             steps += 1
         return steps * DT
 
     @property
     def trace(self):
-        """Where the arm has been, shape (k, 6), rad."""
+        """The commanded positions, shape (k, 6), rad."""
         return np.array(self.positions)
 
     def _step(self):
@@ -109,14 +109,14 @@ def assert_within_limits(harness, limits=LIMITS, since=0):
     for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
         differences = np.abs(np.diff(trace, order, axis=0)) / DT**order
         assert np.all(differences <= limit * 1.001), f'derivative {order}'
-    # what is said of the velocity is what the positions do
+    # the velocities match the positions
     velocities = np.array(harness.velocities[since:])
     slip = np.diff(trace, axis=0) - DT * (velocities[1:] + velocities[:-1]) / 2.0
     assert np.all(np.abs(slip) <= 0.5 * limits.jerk * DT**3)
 
 
 def assert_passes(harness, points):
-    """Check that the arm comes to each point in turn, and stands exactly at the last one."""
+    """Assert that the arm passes each point in order and ends exactly at the last one."""
     step = 0
     for index, point in enumerate(points):
         while True:

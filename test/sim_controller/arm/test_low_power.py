@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Power Low: the caps of a line, and of a motion in any proportion."""
+"""The caps of power Low on lines and on joint motion."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ CAPS = LowPower(0.05, 0.25, MODEL.reach)
 
 
 @pytest.mark.invariant(2)
-def test_invariant_2_the_limits_keep_the_tools_speed_whatever_the_joints_do():
+def test_inv2_capped_limits_bound_the_tool_speed():
     capped = CAPS.limits(LIMITS)
     assert capped.velocity @ MODEL.reach == pytest.approx(0.25, rel=1e-12)
     assert np.all(capped.velocity <= 0.05 * LIMITS.velocity)
@@ -30,7 +30,7 @@ def test_invariant_2_the_limits_keep_the_tools_speed_whatever_the_joints_do():
     assert capped.names == LIMITS.names
 
 
-def test_a_fast_enough_tool_leaves_the_fraction():
+def test_high_tool_speed_leaves_only_the_fraction():
     caps = LowPower(0.05, 5.0, MODEL.reach)
     np.testing.assert_allclose(caps.limits(LIMITS).velocity, 0.05 * LIMITS.velocity)
     assert caps.speed(LIMITS, np.ones(6)) == 0.05
@@ -46,24 +46,24 @@ def test_a_fast_enough_tool_leaves_the_fraction():
         ([0, 0, 0, 0, 0, 0], 0.05),
     ],
 )
-def test_the_speed_of_a_line_depends_on_the_joints_that_move(direction, speed):
+def test_speed_of_a_line_depends_on_its_direction(direction, speed):
     expected = min(speed, 0.05)
     assert CAPS.speed(LIMITS, np.array(direction, dtype=float)) == pytest.approx(expected)
 
 
-WAYS = st.tuples(*[st.floats(-5.0, 5.0)] * 6).map(np.array)
+DIRECTIONS = st.tuples(*[st.floats(-5.0, 5.0)] * 6).map(np.array)
 
 
 @pytest.mark.invariant(2)
-@given(way=WAYS, fraction=st.floats(0.01, 1.0), tool_speed=st.floats(0.01, 5.0))
-def test_invariant_2_no_line_moves_the_tool_faster(way, fraction, tool_speed):
+@given(direction=DIRECTIONS, fraction=st.floats(0.01, 1.0), tool_speed=st.floats(0.01, 5.0))
+def test_inv2_no_line_exceeds_the_tool_speed(direction, fraction, tool_speed):
     caps = LowPower(fraction, tool_speed, MODEL.reach)
-    speed = caps.speed(LIMITS, way)
+    speed = caps.speed(LIMITS, direction)
     assert 0.0 < speed <= fraction
-    if np.any(np.abs(way) > 1e-300):
-        fastest = speed / np.max(np.abs(way) / LIMITS.velocity) * np.abs(way)
+    if np.any(np.abs(direction) > 1e-300):
+        fastest = speed / np.max(np.abs(direction) / LIMITS.velocity) * np.abs(direction)
         assert fastest @ MODEL.reach <= tool_speed * (1.0 + 1e-9)
-        # and it is no slower than that needs
+        # the cap is not lower than necessary
         needed = fastest @ MODEL.reach >= tool_speed * (1.0 - 1e-9)
         assert needed or speed == fraction
 
@@ -81,12 +81,12 @@ def test_invariant_2_no_line_moves_the_tool_faster(way, fraction, tool_speed):
         (0.05, 0.25, [np.nan], r'reach = \[nan\]'),
     ],
 )
-def test_wrong_caps_are_refused_and_named(fraction, tool_speed, reach, text):
+def test_invalid_caps_raise_an_error_that_names_them(fraction, tool_speed, reach, text):
     with pytest.raises(ValueError, match=f'^{text}'):
         LowPower(fraction, tool_speed, np.array(reach))
 
 
-def test_another_number_of_joints_is_refused():
+def test_wrong_number_of_joints_is_refused():
     one = JointLimits(('a',), *(np.array([value]) for value in (-1, 1, 1, 1, 1)))
     for ask in (CAPS.limits, lambda limits: CAPS.speed(limits, np.ones(1))):
         with pytest.raises(ValueError, match=r'^reach: 6 values for 1 joints$'):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner in its process: answers, deaths, and what is left then."""
+"""The planner process: answers, failures, restart and the latency estimate."""
 
 import asyncio
 import contextlib
@@ -29,11 +29,11 @@ from epson_driver.sim_controller.arm.streaming import (
 )
 
 LIMITS = load_robot_model('c3_a601s').limits
-PATIENCE = 300.0
+TIMEOUT_S = 300.0
 SLOW = replace(LIMITS, velocity=0.02 * LIMITS.velocity)
 
 
-def a_request():
+def new_request():
     smoother = Smoother(LIMITS, np.zeros(6), planner=None)
     smoother.append(np.full(6, 0.2), 0.5)
     smoother.append(np.full(6, 0.3), 0.5)
@@ -42,7 +42,7 @@ def a_request():
 
 
 class Recorder:
-    """What a planner has answered, and which failures it has reported."""
+    """The answers of a planner and its reported failures."""
 
     def __init__(self):
         self.answers = []
@@ -57,7 +57,7 @@ class Recorder:
 async def planning():
     planner, recorder = PlannerProcess(LIMITS), Recorder()
     assert not planner.ready
-    async with asyncio.timeout(PATIENCE):
+    async with asyncio.timeout(TIMEOUT_S):
         await planner.start()
         assert planner.ready
         running = asyncio.create_task(planner.run(recorder.failures.append))
@@ -69,23 +69,23 @@ async def planning():
 
 
 @pytest.fixture(autouse=True)
-def patience(monkeypatch):
-    """Have it start again at once, and give it the time that a busy machine needs."""
+def no_delays(monkeypatch):
+    """Restart without delay, with timeouts for a busy machine."""
     monkeypatch.setattr(planner_process, 'RESTART_DELAY_S', 0.0)
-    monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', PATIENCE)
-    monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', PATIENCE)
-    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', PATIENCE)
+    monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', TIMEOUT_S)
+    monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', TIMEOUT_S)
+    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', TIMEOUT_S)
 
 
-def test_its_plans_are_those_of_the_function():
+def test_process_returns_the_same_plan_as_the_function():
     async def main():
         async with planning() as (planner, recorder):
             for count in (1, 2, 3):
-                planner.ask(a_request(), LIMITS, recorder.answers.append)
+                planner.ask(new_request(), LIMITS, recorder.answers.append)
                 with pytest.raises(RuntimeError, match='has a request already'):
-                    planner.ask(a_request(), LIMITS, recorder.answers.append)
+                    planner.ask(new_request(), LIMITS, recorder.answers.append)
                 await recorder.until(lambda count=count: len(recorder.answers) == count)
-            expected = plan(a_request(), LIMITS)
+            expected = plan(new_request(), LIMITS)
             for answer in recorder.answers:
                 np.testing.assert_allclose(answer.knots.position, expected.knots.position)
                 assert answer.timing.duration == pytest.approx(expected.timing.duration)
@@ -98,7 +98,7 @@ def test_its_plans_are_those_of_the_function():
     asyncio.run(main())
 
 
-def test_its_plans_keep_to_the_limits_they_were_asked_with(monkeypatch):
+def test_plan_respects_the_limits_of_its_request(monkeypatch):
     async def main():
         sizes = []
 
@@ -111,59 +111,59 @@ def test_its_plans_keep_to_the_limits_they_were_asked_with(monkeypatch):
             monkeypatch.setattr(planner_process, 'packed', recorded)
             order = (LIMITS, SLOW, SLOW, LIMITS, LIMITS)
             for count, limits in enumerate(order, start=1):
-                planner.ask(a_request(), limits, recorder.answers.append)
+                planner.ask(new_request(), limits, recorder.answers.append)
                 await recorder.until(lambda count=count: len(recorder.answers) == count)
         for answer, limits in zip(recorder.answers, order, strict=True):
-            expected = plan(a_request(), limits)
+            expected = plan(new_request(), limits)
             assert answer.timing.duration == pytest.approx(expected.timing.duration)
         assert recorder.answers[1].timing.duration > 1.2 * recorder.answers[0].timing.duration
-        # limits are sent when they change, and only then
+        # limits are sent only when they change
         assert sizes[0] == sizes[2] == sizes[4] < sizes[1] == sizes[3]
 
     asyncio.run(main())
 
 
-def test_one_that_was_started_again_knows_the_limits():
+def test_restarted_planner_receives_the_limits():
     async def main():
         async with planning() as (planner, recorder):
-            planner.ask(a_request(), SLOW, recorder.answers.append)
+            planner.ask(new_request(), SLOW, recorder.answers.append)
             await recorder.until(lambda: recorder.answers)
             os.kill(planner.pid, signal.SIGKILL)
             await recorder.until(lambda: recorder.failures)
             await recorder.until(lambda: planner.ready)
-            planner.ask(a_request(), SLOW, recorder.answers.append)
+            planner.ask(new_request(), SLOW, recorder.answers.append)
             await recorder.until(lambda: len(recorder.answers) == 2)
             first, second = (answer.timing.duration for answer in recorder.answers)
             assert first == pytest.approx(second)
-            assert first == pytest.approx(plan(a_request(), SLOW).timing.duration)
+            assert first == pytest.approx(plan(new_request(), SLOW).timing.duration)
 
     asyncio.run(main())
 
 
-def test_a_killed_planner_answers_none_tells_why_and_is_started_again():
+def test_killed_planner_answers_none_and_restarts():
     async def main():
         async with planning() as (planner, recorder):
             os.kill(planner.pid, signal.SIGSTOP)
-            planner.ask(a_request(), LIMITS, recorder.answers.append)
+            planner.ask(new_request(), LIMITS, recorder.answers.append)
             os.kill(planner.pid, signal.SIGKILL)
             await recorder.until(lambda: recorder.failures)
             assert recorder.answers == [None]
             assert recorder.failures == ['was ended by SIGKILL']
             await recorder.until(lambda: planner.ready)
-            planner.ask(a_request(), LIMITS, recorder.answers.append)
+            planner.ask(new_request(), LIMITS, recorder.answers.append)
             await recorder.until(lambda: len(recorder.answers) == 2)
             assert recorder.answers[1] is not None
 
     asyncio.run(main())
 
 
-def test_one_that_does_not_answer_is_killed(monkeypatch):
+def test_unresponsive_planner_is_killed(monkeypatch):
     monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', 0.2)
 
     async def main():
         async with planning() as (planner, recorder):
             os.kill(planner.pid, signal.SIGSTOP)
-            planner.ask(a_request(), LIMITS, recorder.answers.append)
+            planner.ask(new_request(), LIMITS, recorder.answers.append)
             await recorder.until(lambda: recorder.failures)
             assert recorder.answers == [None]
             assert recorder.failures == ['did not answer for 0.2 s']
@@ -172,14 +172,14 @@ def test_one_that_does_not_answer_is_killed(monkeypatch):
     asyncio.run(main())
 
 
-def test_an_error_in_it_is_logged_with_its_words(caplog):
+def test_exception_in_the_planner_is_logged(caplog):
     async def main():
         async with planning() as (planner, recorder):
             planner.ask('no request', LIMITS, recorder.answers.append)
             await recorder.until(lambda: recorder.failures)
             assert recorder.failures == ['ended with exit code 1']
             with pytest.raises(RuntimeError, match='not ready'):
-                planner.ask(a_request(), LIMITS, recorder.answers.append)
+                planner.ask(new_request(), LIMITS, recorder.answers.append)
             await recorder.until(lambda: planner.ready)
 
     asyncio.run(main())
@@ -193,7 +193,7 @@ def test_an_error_in_it_is_logged_with_its_words(caplog):
         ('/bin/false', 'the motion planner ended with exit code 1'),
     ],
 )
-def test_one_that_cannot_be_started_says_why(monkeypatch, interpreter, text):
+def test_failed_start_raises_an_error_with_the_reason(monkeypatch, interpreter, text):
     monkeypatch.setattr(sys, 'executable', interpreter)
     with pytest.raises(PlannerError, match=text):
         asyncio.run(PlannerProcess(LIMITS).start())
@@ -201,7 +201,7 @@ def test_one_that_cannot_be_started_says_why(monkeypatch, interpreter, text):
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize(
-    ('script', 'said'),
+    ('script', 'text'),
     [
         ('exec sleep 60', 'the motion planner took over 0.2 s'),
         ('exec >&-; exec sleep 60', 'the motion planner closed its pipe'),
@@ -216,10 +216,10 @@ def test_one_that_cannot_be_started_says_why(monkeypatch, interpreter, text):
         ),
     ],
 )
-def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
-    monkeypatch, tmp_path, caplog, script, said
+def test_inv9_planner_without_greeting_is_reported_and_ended(
+    monkeypatch, tmp_path, caplog, script, text
 ):
-    """At the start that is an error; later it is logged, and tried again."""
+    """The first start raises an error. A later failure is logged and retried."""
     python = tmp_path / 'python'
     python.write_text(f'#!/bin/sh\necho $$ > {tmp_path}/pid\n{script}\n')
     python.chmod(0o755)
@@ -231,13 +231,13 @@ def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
 
     async def check():
         planner = PlannerProcess(LIMITS)
-        with pytest.raises(PlannerError, match=said):
+        with pytest.raises(PlannerError, match=text):
             await planner.start()
         assert not planner.ready
-        assert said not in caplog.text
+        assert text not in caplog.text
         running = asyncio.create_task(planner.run(lambda _: None))
-        async with asyncio.timeout(PATIENCE):
-            while said not in caplog.text:  # noqa: ASYNC110  a poll is simple
+        async with asyncio.timeout(TIMEOUT_S):
+            while text not in caplog.text:  # noqa: ASYNC110  a poll is simple
                 await asyncio.sleep(0.01)
         running.cancel()
         with contextlib.suppress(asyncio.CancelledError):
@@ -248,13 +248,13 @@ def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
 
 
 @pytest.mark.slow
-def test_a_planner_whose_controller_is_gone_before_it_began_ends_in_silence():
+def test_planner_without_a_controller_exits_silently():
     worker = module_command(planner_process.WORKER)
     ended = subprocess.run(worker, stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, b'', b'')
 
 
-def test_it_begins_with_a_guess_and_follows_what_most_of_the_recent_plans_take():
+def test_latency_follows_the_recent_plans():
     latency = PlanningLatency()
     assert latency.value == INITIAL_LATENCY_S
     for _ in range(MAX_RECENT_PLANS):
@@ -265,14 +265,14 @@ def test_it_begins_with_a_guess_and_follows_what_most_of_the_recent_plans_take()
     assert latency.value == pytest.approx(0.065)
 
 
-def test_one_slow_plan_in_25_does_not_raise_it():
+def test_one_slow_plan_in_25_does_not_raise_the_latency():
     latency = PlanningLatency()
     for number in range(4 * MAX_RECENT_PLANS):
         latency.took(0.08 if number % 25 == 24 else 0.01)
     assert latency.value == pytest.approx(0.013)
 
 
-def test_a_late_plan_raises_it():
+def test_late_plan_raises_the_latency():
     latency = PlanningLatency()
     latency.took(0.041, late=True)
     assert latency.value == pytest.approx(0.06)
@@ -281,7 +281,7 @@ def test_a_late_plan_raises_it():
 
 
 @pytest.mark.parametrize(('seconds', 'value'), [(0.0, MIN_LATENCY_S), (5.0, MAX_LATENCY_S)])
-def test_it_stays_within_bounds(seconds, value):
+def test_latency_stays_within_bounds(seconds, value):
     latency = PlanningLatency()
     for _ in range(MAX_RECENT_PLANS):
         latency.took(seconds, late=seconds > 0.0)

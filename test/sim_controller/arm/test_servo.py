@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Servos and encoders: behind the command, never faster than it, exactly there in the end."""
+"""Servos and encoders: lag, limits and the final position."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def servo(lag=0.008, encoder=False, start=START):
 
 
 def follow(one, motion, dt=DT, most=2.0):
-    """Follow a motion until the servo has settled; return commands, positions, velocities."""
+    """Return commands, positions and velocities until the servo has settled."""
     rows = [(motion.at(0.0)[0], one.position, one.velocity)]
     for number in range(1, round((motion.duration + most) / dt)):
         command = motion.at(number * dt)[0]
@@ -32,7 +32,7 @@ def follow(one, motion, dt=DT, most=2.0):
         rows.append((command, one.position, one.velocity))
         if one.settled:
             return [np.array(column) for column in zip(*rows, strict=True)]
-    raise AssertionError('it never settles')
+    raise AssertionError('the servo does not settle')
 
 
 def in_pulses(position):
@@ -40,7 +40,7 @@ def in_pulses(position):
     return np.rint(position * per_rad) / per_rad
 
 
-def test_without_lag_and_encoder_it_is_where_it_is_commanded_bit_for_bit():
+def test_without_lag_and_encoder_the_position_is_the_command():
     one = servo(lag=0.0)
     commands, positions, velocities = follow(one, go(LIMITS, START, TARGET))
     np.testing.assert_array_equal(positions, commands)
@@ -50,7 +50,7 @@ def test_without_lag_and_encoder_it_is_where_it_is_commanded_bit_for_bit():
 
 @pytest.mark.parametrize('lag', [0.0, 0.002, 0.02])
 @pytest.mark.parametrize('encoder', [False, True])
-def test_at_rest_it_stands_exactly_at_the_command(lag, encoder):
+def test_servo_settles_exactly_at_the_command(lag, encoder):
     one = servo(lag, encoder)
     motion = go(LIMITS, START, TARGET)
     _, positions, velocities = follow(one, motion)
@@ -63,7 +63,7 @@ def test_at_rest_it_stands_exactly_at_the_command(lag, encoder):
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('dt', [0.001, 0.004])
 @pytest.mark.parametrize('lag', [0.001, 0.008, 0.05])
-def test_invariant_2_the_joints_never_exceed_what_was_commanded(lag, dt):
+def test_inv2_no_derivative_exceeds_that_of_the_command(lag, dt):
     commands, positions, velocities = follow(servo(lag), go(LIMITS, START, TARGET), dt)
     for order in (1, 2, 3):
         asked, made = (
@@ -78,7 +78,7 @@ def test_invariant_2_the_joints_never_exceed_what_was_commanded(lag, dt):
     np.testing.assert_allclose(np.diff(positions, axis=0) / dt, means, atol=dt / lag)
 
 
-def test_at_a_constant_speed_it_is_one_lag_behind():
+def test_position_is_one_lag_behind_at_constant_speed():
     one, speed = servo(lag=0.02), np.array([0.1, -0.2, 0.3, 0.0, 0.5, 1.0])
     for number in range(1, 200):
         one.step(START + speed * number * DT, DT)
@@ -87,7 +87,7 @@ def test_at_a_constant_speed_it_is_one_lag_behind():
     np.testing.assert_allclose(one.velocity, speed, atol=1e-9)
 
 
-def test_the_size_of_the_steps_does_not_matter_for_a_linear_command():
+def test_step_size_does_not_change_a_linear_motion():
     fine, coarse = servo(lag=0.02), servo(lag=0.02)
     for number in range(1, 41):
         fine.step(START + 0.01 * number, 0.001)
@@ -97,7 +97,7 @@ def test_the_size_of_the_steps_does_not_matter_for_a_linear_command():
     np.testing.assert_allclose(fine.velocity, coarse.velocity, atol=1e-9)
 
 
-def test_the_encoders_report_whole_pulses():
+def test_encoders_report_whole_pulses():
     one = servo(encoder=True)
     _, positions, _ = follow(one, go(LIMITS, START, TARGET))
     pulses = positions * MODEL.pulses_per_unit
@@ -105,7 +105,7 @@ def test_the_encoders_report_whole_pulses():
     assert len(np.unique(pulses[:, 0])) > 50
 
 
-def test_a_pushed_joint_goes_back_and_a_placed_one_stays():
+def test_pushed_joint_returns_and_a_placed_joint_stays():
     one = servo(encoder=True)
     one.jump(START + 0.01)
     assert not one.settled
@@ -119,7 +119,7 @@ def test_a_pushed_joint_goes_back_and_a_placed_one_stays():
     np.testing.assert_array_equal(one.actual, START + 0.01)
 
 
-def test_nothing_changes_while_it_stands():
+def test_position_does_not_change_at_rest():
     one = servo(encoder=True)
     before = one.position
     for _ in range(3):
@@ -130,7 +130,7 @@ def test_nothing_changes_while_it_stands():
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.008])
-def test_time_that_does_not_pass_moves_nothing(lag):
+def test_step_of_0_s_moves_nothing(lag):
     one = servo(lag)
     one.step(TARGET, 0.0)
     np.testing.assert_array_equal(one.position, START)
@@ -141,7 +141,7 @@ def test_time_that_does_not_pass_moves_nothing(lag):
     np.testing.assert_array_equal(one.position, START)
 
 
-def test_a_frozen_encoder_reports_its_last_value_while_the_joint_moves():
+def test_frozen_encoder_reports_its_last_value():
     one, free = servo(), servo()
     motion = go(LIMITS, START, TARGET)
     for number in range(1, 40):
@@ -156,7 +156,7 @@ def test_a_frozen_encoder_reports_its_last_value_while_the_joint_moves():
     assert one.position[2] == held
     assert one.velocity[2] == one.velocity[4] == 0.0
     assert free.position[2] != held
-    one.freeze(2)  # again: the value stays
+    one.freeze(2)  # the value stays
     assert one.position[2] == held
     one.freeze(None)
     np.testing.assert_array_equal(one.position, free.position)
@@ -164,7 +164,7 @@ def test_a_frozen_encoder_reports_its_last_value_while_the_joint_moves():
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.008])
-def test_after_a_push_it_goes_back_to_its_command(lag):
+def test_pushed_joint_returns_to_its_command(lag):
     one = servo(lag)
     pushed = START + np.array([0.05, 0, 0, 0, 0, 0])
     one.jump(pushed)
@@ -179,7 +179,7 @@ def test_after_a_push_it_goes_back_to_its_command(lag):
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.008])
-def test_without_power_it_stays_where_it_was_pushed(lag):
+def test_pushed_joint_without_power_stays(lag):
     one = servo(lag)
     pushed = START + 0.05
     one.jump(pushed)
@@ -190,7 +190,7 @@ def test_without_power_it_stays_where_it_was_pushed(lag):
     assert one.settled
 
 
-def test_what_is_reported_is_the_callers_own():
+def test_returned_arrays_are_copies():
     one = servo()
     one.position[:] = 9.0
     one.velocity[:] = 9.0
@@ -209,7 +209,7 @@ def test_what_is_reported_is_the_callers_own():
     steps=st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(0.0, 0.1)), max_size=30),
     lag=st.sampled_from([0.0, 0.001, 0.01, 0.1]),
 )
-def test_it_never_leaves_the_range_of_its_commands_and_always_arrives(steps, lag):
+def test_position_stays_within_the_range_of_the_commands(steps, lag):
     one = servo(lag)
     commands = [START[0]]
     for angle, dt in steps:
@@ -225,11 +225,11 @@ def test_it_never_leaves_the_range_of_its_commands_and_always_arrives(steps, lag
 
 
 @pytest.mark.parametrize('value', [-0.001, np.nan, np.inf])
-def test_a_wrong_lag_is_refused_and_named(value):
+def test_invalid_lag_is_refused(value):
     with pytest.raises(ValueError, match=r'^lag = '):
         servo(lag=value)
 
 
-def test_another_number_of_joints_is_refused():
+def test_wrong_number_of_joints_is_refused():
     with pytest.raises(ValueError, match=r'^6 pulses per unit for 5 joints$'):
         servo(start=START[:5])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The smoothly moving arm alone: power, what counts of a point, when it is answered, settling."""
+"""The streaming arm: power, the fields of a point, acknowledgement, settling."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from support.streaming_harness import (
     StreamingHarness,
     assert_passes,
     assert_within_limits,
-    way,
+    curve_points,
 )
 
 from epson_driver.motion.smoother import plan
@@ -23,11 +23,11 @@ from epson_driver.sim_controller.arm.streaming import MAX_ATTEMPTS
 REACH = np.array([0.8, 0.7, 0.5, 0.35, 0.33, 0.1])
 FRACTION, TOOL_SPEED = 0.05, 0.25
 LOW = LowPower(FRACTION, TOOL_SPEED, REACH).limits(LIMITS)
-FAST = way(40, 0.8)
+FAST = curve_points(40, 0.8)
 
 
 def fastest(velocities):
-    """Return the largest velocity, as a share of the limits, and the tool's bound, m/s."""
+    """Return the largest fraction of the velocity limits, and the largest tool speed, m/s."""
     speeds = np.abs(velocities)
     return float(np.max(speeds / LIMITS.velocity)), float(np.max(speeds @ REACH))
 
@@ -41,10 +41,11 @@ def low_harness(low=True, **values):
     return harness
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('period', one_in(2, [0.0, 0.02]))
-def test_low_power_caps_every_joint_and_the_tool(period):
+def test_inv2_low_power_caps_every_joint_and_the_tool(period):
     harness = low_harness()
-    points = way(25, 0.2)
+    points = curve_points(25, 0.2)
     harness.send(points, period)
     harness.rest()
     share, tool = fastest(harness.velocities)
@@ -57,17 +58,17 @@ def test_low_power_caps_every_joint_and_the_tool(period):
 
 
 @pytest.mark.slow
-def test_power_changes_from_one_trajectory_to_the_next():
+def test_power_may_change_between_trajectories():
     harness = low_harness()
-    points = way(15, 0.1)
+    points = curve_points(15, 0.1)
     shares = []
-    for low, way_there in ((True, points), (False, points[::-1]), (True, points)):
+    for low, targets in ((True, points), (False, points[::-1]), (True, points)):
         harness.arm.low_power = low
         since = len(harness.positions)
-        harness.send(way_there)
+        harness.send(targets)
         harness.rest()
         assert_within_limits(harness, LOW if low else LIMITS, since)
-        assert_passes(harness, way_there)
+        assert_passes(harness, targets)
         shares.append(fastest(harness.velocities[since:])[0])
     assert shares[0] == pytest.approx(shares[2], rel=0.01)
     assert shares[1] > 2.0 * FRACTION
@@ -75,9 +76,9 @@ def test_power_changes_from_one_trajectory_to_the_next():
 
 
 @pytest.mark.parametrize('low', one_in(2, [False, True]))
-def test_a_change_of_power_in_motion_counts_from_the_next_rest_on(low):
+def test_power_changed_in_motion_applies_after_the_next_rest(low):
     harness = low_harness(not low)
-    points = way(15, 0.1)
+    points = curve_points(15, 0.1)
     harness.send(points)
     harness.run(0.2)
     assert harness.arm.velocity.any()
@@ -92,9 +93,9 @@ def test_a_change_of_power_in_motion_counts_from_the_next_rest_on(low):
     assert (fastest(harness.velocities[before:])[0] > FRACTION) is not low
 
 
-def test_a_stop_at_low_power_keeps_to_its_caps():
+def test_stop_at_low_power_respects_the_caps():
     harness = low_harness()
-    harness.send(way(15, 0.1))
+    harness.send(curve_points(15, 0.1))
     harness.run(0.5)
     assert harness.arm.velocity.any()
     harness.arm.low_power = False
@@ -105,9 +106,9 @@ def test_a_stop_at_low_power_keeps_to_its_caps():
 
 
 @pytest.mark.parametrize('low', [False, True])
-def test_power_that_changes_in_a_hold_counts_when_the_arm_goes_on(low):
+def test_power_changed_in_a_hold_applies_after_resume(low):
     harness = low_harness(not low)
-    points = way(15, 0.1)
+    points = curve_points(15, 0.1)
     harness.send(points)
     harness.run(0.2 if low else 1.0)
     harness.arm.hold()
@@ -123,9 +124,9 @@ def test_power_that_changes_in_a_hold_counts_when_the_arm_goes_on(low):
     assert_passes(harness, points)
 
 
-def test_power_that_changes_while_the_first_plan_is_made():
+def test_power_changed_during_the_first_planning_applies():
     harness = low_harness(False, delay=0.05)
-    points = way(15, 0.1)
+    points = curve_points(15, 0.1)
     harness.send(points)
     harness.run(0.07)
     assert not harness.arm.velocity.any()
@@ -136,7 +137,7 @@ def test_power_that_changes_while_the_first_plan_is_made():
     assert harness.timing.late_plans == 0
 
 
-def test_without_low_power_limits_low_power_is_no_less():
+def test_without_low_power_limits_power_has_no_effect():
     times = []
     for low in (False, True):
         harness = StreamingHarness()
@@ -149,9 +150,9 @@ def test_without_low_power_limits_low_power_is_no_less():
 # ---- when a point is answered
 
 
-def test_done_means_at_rest_at_each_point():
+def test_done_acknowledges_each_point_at_rest():
     harness = StreamingHarness(acknowledge='done')
-    points = way(8, 0.5)
+    points = curve_points(8, 0.5)
     harness.send(points, 0.2)
     visited = []
     while harness.arm.moving or harness.waiting:
@@ -164,17 +165,17 @@ def test_done_means_at_rest_at_each_point():
         assert point.tolist() in visited
     assert harness.arm.done
     assert_within_limits(harness)
-    assert len(harness.positions) * 0.001 < 7 * (0.2 + 0.2)  # none waits for another one
+    assert len(harness.positions) * 0.001 < 7 * (0.2 + 0.2)  # without pauses
 
 
-def test_done_at_once_where_the_arm_stands():
+def test_point_at_the_current_position_is_done_immediately():
     harness = StreamingHarness(acknowledge='done')
     harness.send([HOME])
     assert harness.arm.done
     assert not harness.arm.moving
 
 
-def test_a_point_that_is_not_answered_yet_is_not_lost_by_a_stop():
+def test_stop_loses_no_unanswered_point():
     harness = StreamingHarness(acknowledge='done')
     harness.send([HOME, FAST[-1]], 1.0)
     harness.run(0.5)
@@ -184,7 +185,7 @@ def test_a_point_that_is_not_answered_yet_is_not_lost_by_a_stop():
     assert_within_limits(harness)
 
 
-def test_a_hold_on_the_way_to_a_point_that_is_done_when_the_arm_is_there():
+def test_held_point_is_done_when_the_arm_arrives():
     harness = StreamingHarness(acknowledge='done')
     harness.send([HOME, FAST[-1]], 1.0)
     harness.run(0.5)
@@ -197,14 +198,14 @@ def test_a_hold_on_the_way_to_a_point_that_is_done_when_the_arm_is_there():
     assert harness.arm.position.tolist() == FAST[-1].tolist()
 
 
-def test_taken_points_are_done():
+def test_accepted_points_are_done():
     harness = StreamingHarness()
     harness.send(FAST)
     assert harness.arm.done
     assert harness.arm.moving
 
 
-# ---- what counts of a point
+# ---- the fields of a point
 
 
 @pytest.mark.parametrize(
@@ -221,14 +222,14 @@ def test_taken_points_are_done():
         ('nothing', 0.0, 0.0, 0.63, 1.0),
     ],
 )
-def test_the_fields_that_count(uses, velocity, duration, least, most):
+def test_profile_selects_the_fields_that_apply(uses, velocity, duration, least, most):
     harness = StreamingHarness(uses=uses, speed=0.2)
     harness.send([HOME])
     harness.send([np.eye(6)[0]], duration, velocity, first=1)
     assert least <= harness.rest() <= most
 
 
-def test_speed_can_be_changed():
+def test_speed_changes_the_next_motion():
     harness = StreamingHarness(uses='nothing')
     times = []
     for index, speed in enumerate((1.0, 0.1)):
@@ -247,7 +248,7 @@ def test_speed_can_be_changed():
         ({'start': np.full(6, 9.0)}, 'the start, joint_1: position 9 is outside the limits'),
     ],
 )
-def test_what_it_cannot_work_with_is_refused(values, sentence):
+def test_invalid_settings_are_refused(values, sentence):
     with pytest.raises(ValueError, match=sentence):
         StreamingHarness(**values)
 
@@ -258,7 +259,7 @@ def test_what_it_cannot_work_with_is_refused(values, sentence):
 ELSEWHERE = np.array([0.3, -0.2, 0.1, 0.0, 0.5, -1.0])
 
 
-def test_an_arm_that_was_moved_goes_on_from_there():
+def test_settled_arm_starts_from_its_new_position():
     harness = StreamingHarness()
     harness.send(FAST)
     harness.run(0.3)
@@ -269,7 +270,7 @@ def test_an_arm_that_was_moved_goes_on_from_there():
     assert harness.arm.position.tolist() == ELSEWHERE.tolist()
     assert not harness.arm.velocity.any()
     assert harness.arm.still
-    harness.run(0.5)  # a plan that was on its way does not count
+    harness.run(0.5)  # a pending plan is discarded
     assert harness.arm.position.tolist() == ELSEWHERE.tolist()
     since = len(harness.positions)
     harness.send([ELSEWHERE, HOME], 0.5)
@@ -278,7 +279,7 @@ def test_an_arm_that_was_moved_goes_on_from_there():
     assert harness.arm.position.tolist() == HOME.tolist()
 
 
-def test_only_an_arm_without_points_can_be_moved():
+def test_settle_is_refused_while_points_remain():
     harness = StreamingHarness()
     harness.send(FAST)
     with pytest.raises(RuntimeError, match='has points to go to'):
@@ -293,7 +294,7 @@ def test_only_an_arm_without_points_can_be_moved():
     assert_passes(harness, FAST)
 
 
-def test_an_arm_that_was_moved_out_of_its_limits_stays_where_it_was():
+def test_settle_beyond_the_limits_is_refused():
     harness = StreamingHarness()
     with pytest.raises(ValueError, match='joint_2: position 2 is outside the limits'):
         harness.arm.settle(np.full(6, 2.0) * np.eye(6)[1])
@@ -303,7 +304,7 @@ def test_an_arm_that_was_moved_out_of_its_limits_stays_where_it_was():
     assert_passes(harness, FAST)
 
 
-def test_settling_does_not_end_a_hold():
+def test_settle_does_not_end_a_hold():
     harness = StreamingHarness()
     harness.arm.hold()
     harness.arm.settle(ELSEWHERE)
@@ -317,7 +318,8 @@ def test_settling_does_not_end_a_hold():
 # ---- the planner
 
 
-def test_plans_on_their_way_when_the_arm_is_stopped_and_moved_do_not_count():
+@pytest.mark.invariant(1)
+def test_inv1_plan_requested_before_a_stop_is_discarded():
     harness = StreamingHarness(delay=0.2)
     harness.send(FAST)
     harness.run(0.1)
@@ -332,7 +334,7 @@ def test_plans_on_their_way_when_the_arm_is_stopped_and_moved_do_not_count():
     assert harness.timing.late_plans == 0
 
 
-def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
+def test_planner_without_a_solution_fails_after_several_attempts():
     harness = StreamingHarness()
     harness.planner.plan = lambda request, limits: None
     harness.send(FAST)
@@ -343,8 +345,8 @@ def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
 
 
 @pytest.mark.invariant(2, 9)
-def test_a_plan_that_would_break_a_limit_is_braked_told_and_counted():
-    """Invariants 2 and 9: the arm trusts no planner."""
+def test_inv2_plan_beyond_a_limit_brakes_and_is_reported():
+    """The arm checks each plan against the limits."""
     harness = StreamingHarness()
     faster = dataclasses.replace(
         LIMITS,
@@ -361,12 +363,12 @@ def test_a_plan_that_would_break_a_limit_is_braked_told_and_counted():
     (failure,) = harness.failures
     assert failure.startswith('the arm brakes: joint_')
     assert 'is beyond the limit' in failure
-    assert harness.arm.still or not harness.arm.has_room  # no point is taken by an arm that brakes
+    assert harness.arm.still or not harness.arm.has_room  # a braking arm accepts no point
     harness.rest()
     assert_within_limits(harness)
-    # and it goes on from where it stands
+    # the next motion starts from the current position
     harness.planner.plan = plan
-    harness.send(harness.arm.position + way(40), first=0)
+    harness.send(harness.arm.position + curve_points(40), first=0)
     harness.rest()
     assert harness.timing.violations == 1
     assert_within_limits(harness)

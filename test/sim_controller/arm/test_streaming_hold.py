@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pauses of smooth motion: on the path, inside every limit, and on to the same points."""
+"""Holds of smooth motion: on the path, within all limits, without losing points."""
 
 import numpy as np
 import pytest
@@ -14,10 +14,10 @@ from support.streaming_harness import (
     StreamingHarness,
     assert_passes,
     assert_within_limits,
-    way,
+    curve_points,
 )
 
-FAST = way(60, 1.0)
+FAST = curve_points(60, 1.0)
 """Points for which PERIOD is too short: the arm is as fast as its limits allow."""
 
 
@@ -28,7 +28,7 @@ def free_run(points, **values):
 
 
 def held_harness(seconds, points=FAST, **values):
-    """Return a harness whose arm has been held in mid-motion, and stands."""
+    """Return a harness whose arm is at rest after a hold in motion."""
     harness = StreamingHarness(**values)
     harness.send(points)
     harness.run(seconds)
@@ -39,14 +39,14 @@ def held_harness(seconds, points=FAST, **values):
 
 
 def farthest(trace, others):
-    """Return how far the trace goes from the samples of another one, rad."""
+    """Return the largest distance of a trace from another one, rad."""
     return max(np.min(np.max(np.abs(others - each), axis=1)) for each in trace)
 
 
 @pytest.mark.invariant(2, 3)
 @pytest.mark.parametrize('delay', one_in(2, [0.0, 0.012, 0.1]))
 @pytest.mark.parametrize('share', one_in(3, [0.2, 0.3, 0.4, 0.65, 0.9]))
-def test_invariant_2_and_3_a_hold_brakes_on_the_path_and_keeps_all_points(share, delay):
+def test_inv2_and_3_hold_brakes_on_the_path_and_keeps_all_points(share, delay):
     free, time = free_run(FAST)
     harness = StreamingHarness(delay)
     harness.send(FAST)
@@ -55,11 +55,11 @@ def test_invariant_2_and_3_a_hold_brakes_on_the_path_and_keeps_all_points(share,
     since = len(harness.positions)
     harness.arm.hold()
     assert not harness.arm.still
-    assert harness.until_still() < 0.25  # at once, however slow the planner is
+    assert harness.until_still() < 0.25  # independent of the planner's latency
     assert harness.arm.moving
     assert not harness.arm.velocity.any()
     stands = harness.arm.position.tolist()
-    assert farthest(harness.trace[since::10], free.trace) < 0.01  # a step's way between samples
+    assert farthest(harness.trace[since::10], free.trace) < 0.01  # one step between samples
     harness.run(1.0)
     assert harness.arm.position.tolist() == stands
     assert harness.arm.still
@@ -72,9 +72,9 @@ def test_invariant_2_and_3_a_hold_brakes_on_the_path_and_keeps_all_points(share,
 
 
 @pytest.mark.parametrize('seconds', one_in(3, [0.1, 0.2, 0.3, 0.4, 0.5]))
-def test_a_hold_of_a_motion_that_uses_its_limits_to_the_full(seconds):
-    """It cannot always brake at once without leaving the path, but soon."""
-    points = way(120, 1.5)
+def test_hold_of_a_motion_at_its_limits_brakes_soon(seconds):
+    """An immediate stop would leave the path."""
+    points = curve_points(120, 1.5)
     free, time = free_run(points, period=0.0)
     harness = StreamingHarness()
     harness.send(points, 0.0)
@@ -82,7 +82,7 @@ def test_a_hold_of_a_motion_that_uses_its_limits_to_the_full(seconds):
     since = len(harness.positions)
     harness.arm.hold()
     assert harness.until_still() < 0.5
-    assert farthest(harness.trace[since::10], free.trace) < 0.03  # a step's way between samples
+    assert farthest(harness.trace[since::10], free.trace) < 0.03  # one step between samples
     harness.arm.resume()
     harness.rest()
     assert len(harness.positions) * DT < time + 0.6
@@ -91,9 +91,9 @@ def test_a_hold_of_a_motion_that_uses_its_limits_to_the_full(seconds):
     assert not harness.failures
 
 
-def test_no_point_is_taken_while_it_is_held():
+def test_held_arm_accepts_no_points():
     harness = StreamingHarness(look_ahead=0.3)
-    harness.send(way(80))
+    harness.send(curve_points(80))
     harness.run(0.4)
     harness.arm.hold()
     assert not harness.arm.has_room
@@ -104,12 +104,12 @@ def test_no_point_is_taken_while_it_is_held():
     harness.run(0.2)
     assert harness.taken > taken
     harness.rest()
-    assert_passes(harness, way(80))
+    assert_passes(harness, curve_points(80))
 
 
 @pytest.mark.parametrize('held', [0.5, 60.0])
-def test_the_time_of_a_hold_is_not_made_up_for(held):
-    points = way(80)
+def test_time_of_a_hold_is_not_caught_up(held):
+    points = curve_points(80)
     free, time = free_run(points)
     harness = held_harness(0.7, points)
     braked, since = len(harness.positions) * DT, len(harness.positions)
@@ -122,7 +122,7 @@ def test_the_time_of_a_hold_is_not_made_up_for(held):
     assert_within_limits(harness)
 
 
-def test_a_hold_twice_and_a_resume_twice_are_no_more_than_one():
+def test_repeated_hold_and_resume_have_no_effect():
     harness = held_harness(0.5)
     stands = harness.arm.position.tolist()
     harness.arm.hold()
@@ -134,7 +134,7 @@ def test_a_hold_twice_and_a_resume_twice_are_no_more_than_one():
     assert_passes(harness, FAST)
 
 
-def test_a_resume_without_a_hold_changes_nothing():
+def test_resume_without_a_hold_changes_nothing():
     traces = []
     for resumes in (False, True):
         harness = StreamingHarness()
@@ -149,8 +149,8 @@ def test_a_resume_without_a_hold_changes_nothing():
 
 @pytest.mark.parametrize('begins', [False, True])
 @pytest.mark.parametrize('seconds', one_in(2, [0.0, 0.01, 0.019, 0.02]))
-def test_an_arm_that_stands_when_it_is_held_does_not_begin(seconds, begins):
-    """Whether the first plan is not asked for, is on its way, is there, or begins just now."""
+def test_hold_before_the_first_motion_prevents_the_start(seconds, begins):
+    """The first plan is not requested, pending, available, or just starting."""
     harness = StreamingHarness(0.02)
     harness.send(FAST)
     harness.run(seconds)
@@ -169,7 +169,7 @@ def test_an_arm_that_stands_when_it_is_held_does_not_begin(seconds, begins):
     assert harness.timing.late_plans == 0
 
 
-def test_an_arm_held_without_points_takes_them_after_the_hold():
+def test_arm_held_without_points_accepts_them_after_resume():
     harness = StreamingHarness()
     harness.arm.hold()
     assert harness.arm.still
@@ -185,7 +185,7 @@ def test_an_arm_held_without_points_takes_them_after_the_hold():
 
 
 @pytest.mark.parametrize('brakes', [0.0, 0.02, 0.1])
-def test_a_stop_ends_a_hold(brakes):
+def test_stop_ends_a_hold(brakes):
     harness = StreamingHarness()
     harness.send(FAST)
     harness.run(0.5)
@@ -205,7 +205,7 @@ def test_a_stop_ends_a_hold(brakes):
     assert harness.arm.position.tolist() == HOME.tolist()
 
 
-def test_a_hold_while_the_arm_brakes_for_a_stop_changes_nothing_of_that():
+def test_hold_during_a_stop_does_not_change_the_stop():
     ends = []
     for holds in (False, True):
         harness = StreamingHarness()
@@ -225,8 +225,8 @@ def test_a_hold_while_the_arm_brakes_for_a_stop_changes_nothing_of_that():
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('answers', [False, True])
-def test_invariant_3_a_planner_that_dies_in_a_hold(answers):
-    """The arm stays, or brakes on; nothing of it needs a plan."""
+def test_inv3_dead_planner_in_a_hold_moves_nothing(answers):
+    """Neither braking nor standstill needs a plan."""
     harness = StreamingHarness(0.03)
     harness.send(FAST)
     harness.run(0.5)
@@ -249,7 +249,7 @@ def test_invariant_3_a_planner_that_dies_in_a_hold(answers):
     assert harness.arm.position.tolist() == HOME.tolist()
 
 
-def test_without_a_planner_after_a_hold_the_arm_stays():
+def test_resume_without_a_planner_waits_for_it():
     harness = held_harness(0.5)
     stands = harness.arm.position.tolist()
     harness.planner.ready = False
@@ -261,8 +261,8 @@ def test_without_a_planner_after_a_hold_the_arm_stays():
     assert_passes(harness, FAST)
 
 
-def test_a_hold_in_a_commanded_rest():
-    points = way(30)
+def test_hold_during_a_commanded_rest():
+    points = curve_points(30)
     harness = StreamingHarness()
     harness.send(points[:15])
     harness.send([points[14]], 0.8, first=15)
@@ -284,7 +284,7 @@ holds = st.lists(
     st.tuples(st.integers(0, 600), st.sampled_from((0, 1, 20, 100, 400, 600))),
     min_size=1,
     max_size=5,
-)  # ms until each hold, and how long it lasts
+)  # ms until each hold, and its length
 
 
 @pytest.mark.slow
@@ -306,8 +306,8 @@ holds = st.lists(
     look_ahead=1.0,
     sparse=False,
 )
-def test_invariant_2_holds_at_any_time(holds, delay, period, look_ahead, sparse):
-    points = way(7, 1.5) if sparse else way(50, 0.8)
+def test_inv2_holds_at_random_times_exceed_no_limit(holds, delay, period, look_ahead, sparse):
+    points = curve_points(7, 1.5) if sparse else curve_points(50, 0.8)
     harness = StreamingHarness(delay, look_ahead=look_ahead)
     harness.send(points, period * (5.0 if sparse else 1.0))
     for wait, length in holds:
