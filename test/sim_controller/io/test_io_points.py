@@ -1,14 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The points: addresses, groups, limits, safe values; and the profile they come from."""
-
-from typing import Any
+"""I/O points: addresses, groups, limits and safe values."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from epson_driver.inputs import InputError
 from epson_driver.profiles.io_profile import IoProfile, read_io_profile
 from epson_driver.sim_controller.io.io_points import IoError, IoPoints
 from epson_driver.simple_message import IoRange, IoResult, IoType
@@ -27,7 +22,7 @@ def outputs(points: IoPoints) -> list[int]:
     return [points.read(DO, index) for index in range(points.profile.digital_outputs)]
 
 
-def test_an_rc620_has_its_standard_io(points: IoPoints) -> None:
+def test_default_profile_is_the_standard_io_of_an_rc620(points: IoPoints) -> None:
     assert points.ranges() == (
         IoRange(1, 0, 24, 2),
         IoRange(2, 0, 16, 3),
@@ -44,7 +39,7 @@ def test_an_rc620_has_its_standard_io(points: IoPoints) -> None:
 @pytest.mark.parametrize(
     ('io_type', 'last', 'value'), [(DO, 15, 1), (AO, 1, -10_000), (FLAG, 511, 1), (GO, 1, 255)]
 )
-def test_what_is_written_is_read(points: IoPoints, io_type: IoType, last: int, value: int) -> None:
+def test_written_value_is_read(points: IoPoints, io_type: IoType, last: int, value: int) -> None:
     assert points.read(io_type, last) == 0
     points.write(io_type, last, value)
     assert points.read(io_type, last) == value
@@ -52,7 +47,7 @@ def test_what_is_written_is_read(points: IoPoints, io_type: IoType, last: int, v
 
 
 @pytest.mark.parametrize(('io_type', 'value'), [(DI, 1), (AI, 2500), (GI, 0x5A)])
-def test_an_input_is_set_from_outside_only(points: IoPoints, io_type: IoType, value: int) -> None:
+def test_input_is_set_from_outside_only(points: IoPoints, io_type: IoType, value: int) -> None:
     with pytest.raises(IoError, match='an input cannot be written') as error:
         points.write(io_type, 1, value)
     assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED
@@ -62,14 +57,14 @@ def test_an_input_is_set_from_outside_only(points: IoPoints, io_type: IoType, va
 
 
 @pytest.mark.parametrize('io_type', [DO, AO, GO, FLAG])
-def test_an_output_is_no_input(points: IoPoints, io_type: IoType) -> None:
+def test_output_is_not_set_from_outside(points: IoPoints, io_type: IoType) -> None:
     with pytest.raises(IoError, match='no input') as error:
         points.set_input(io_type, 0, 1)
     assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED
     assert points.read(io_type, 0) == 0
 
 
-def test_a_group_is_eight_or_sixteen_points_the_first_one_lowest(points: IoPoints) -> None:
+def test_group_has_8_or_16_points_lowest_first(points: IoPoints) -> None:
     points.write(GO, 1, 0b1000_0001)
     assert [index for index, value in enumerate(outputs(points)) if value] == [8, 15]
     assert points.read(GO, 1000) == 0x8100
@@ -81,7 +76,7 @@ def test_a_group_is_eight_or_sixteen_points_the_first_one_lowest(points: IoPoint
     assert points.read(GI, 1001) == 0x80
 
 
-def test_a_port_of_flags(points: IoPoints) -> None:
+def test_port_of_flags(points: IoPoints) -> None:
     points.write_port(FLAG, 31, 16, 0xF00F)
     assert points.read(FLAG, 511) == 1
     assert points.read_port(FLAG, 63, 8) == 0xF0
@@ -91,14 +86,6 @@ def test_a_port_of_flags(points: IoPoints) -> None:
         points.write_port(DI, 0, 8, 1)
     with pytest.raises(IoError, match='there are 2 points'):
         points.read_port(AI, 0, 8)
-
-
-@given(value=st.integers(0, 2**16 - 1))
-def test_a_word_is_its_bits(value: int) -> None:
-    points = IoPoints(IoProfile())
-    points.write(GO, 1000, value)
-    assert outputs(points) == [value >> bit & 1 for bit in range(16)]
-    assert points.read(GO, 0) + 256 * points.read(GO, 1) == points.read(GO, 1000) == value
 
 
 UNSUPPORTED, INDEX, VALUE = (
@@ -139,33 +126,33 @@ UNSUPPORTED, INDEX, VALUE = (
         ((7, 0), 2, VALUE, 'flag 0 = 2: must be 0 to 1'),
     ],
 )
-def test_an_error_names_address_value_and_limit(
+def test_error_names_address_value_and_limit(
     points: IoPoints, address: tuple[int, int], value: int, result: IoResult, sentence: str
 ) -> None:
-    heard: list[None] = []
-    points.listen(lambda: heard.append(None))
+    calls: list[None] = []
+    points.listen(lambda: calls.append(None))
     with pytest.raises(IoError) as error:
         points.write(*address, value)
     assert str(error.value).startswith(sentence)
     assert error.value.result is result
-    assert heard == []
+    assert calls == []
     if result is not VALUE:
         with pytest.raises(IoError) as error:
             points.read(*address)
         assert error.value.result is result
 
 
-def test_a_controller_without_a_type_says_so() -> None:
+def test_missing_type_of_io_is_an_error() -> None:
     points = IoPoints(IoProfile(analog_inputs=0, digital_outputs=12))
     with pytest.raises(IoError, match='AI 0: it has no analogue inputs') as error:
         points.read(AI, 0)
     assert error.value.result is IoResult.TYPE_UNSUPPORTED
-    assert AI not in {held.io_type for held in points.ranges()}
+    assert AI not in {range_.io_type for range_ in points.ranges()}
 
 
-def test_a_group_that_ends_early_takes_only_its_points() -> None:
+def test_incomplete_group_has_only_its_points() -> None:
     points = IoPoints(IoProfile(digital_outputs=12))
-    assert [held for held in points.ranges() if held.io_type == GO] == [
+    assert [range_ for range_ in points.ranges() if range_.io_type == GO] == [
         IoRange(GO, 0, 2, 3),
         IoRange(GO, 1000, 1, 3),
     ]
@@ -182,13 +169,15 @@ def test_a_group_that_ends_early_takes_only_its_points() -> None:
     ('io_type', 'start', 'count'),
     [(DI, 0, 25), (DI, 23, 2), (DI, 0, 0), (DI, 5, -1), (GI, 1, 1000), (GI, 1000, 3), (GI, 3, 1)],
 )
-def test_a_range_must_be_there(points: IoPoints, io_type: IoType, start: int, count: int) -> None:
+def test_invalid_range_is_refused(
+    points: IoPoints, io_type: IoType, start: int, count: int
+) -> None:
     with pytest.raises(IoError) as error:
         points.check_range(io_type, start, count)
     assert error.value.result is IoResult.INDEX_OUT_OF_RANGE
 
 
-def test_the_values_of_a_range(points: IoPoints) -> None:
+def test_values_of_a_range(points: IoPoints) -> None:
     points.set_input(GI, 0, 0b101)
     for io_type, start, count, values in (
         (DI, 0, 4, (1, 0, 1, 0)),
@@ -200,20 +189,20 @@ def test_the_values_of_a_range(points: IoPoints) -> None:
         assert points.read_range(io_type, start, count) == values
 
 
-def test_a_listener_hears_of_changes_only_and_once_per_group(points: IoPoints) -> None:
-    heard: list[int] = []
-    stop = points.listen(lambda: heard.append(points.read(GO, 0)))
+def test_listener_is_called_once_per_change(points: IoPoints) -> None:
+    calls: list[int] = []
+    stop = points.listen(lambda: calls.append(points.read(GO, 0)))
     points.write(GO, 0, 0b111)
-    assert heard == [7]
+    assert calls == [7]
     points.write(GO, 0, 0b111)
     points.write(DO, 0, 1)
-    assert heard == [7]
+    assert calls == [7]
     points.set_input(DI, 0, 1)
-    assert heard == [7, 7]
+    assert calls == [7, 7]
     stop()
     stop()
     points.write(DO, 0, 0)
-    assert heard == [7, 7]
+    assert calls == [7, 7]
 
 
 SAFE = {
@@ -241,19 +230,19 @@ def state(points: IoPoints) -> tuple[int, ...]:
     return tuple(points.read(*address) for address in addresses)
 
 
-def test_reset_gives_outputs_their_safe_value_but_for_those_it_keeps() -> None:
+def test_reset_sets_safe_values_except_kept_outputs() -> None:
     points = safe_points()
     points.reset()
     assert state(points) == (0b1001, 5000, 2500, 1, 1)
 
 
-def test_boot_keeps_nothing_but_inputs() -> None:
+def test_boot_keeps_only_inputs() -> None:
     points = safe_points()
     points.boot()
     assert state(points) == (0b1000, 0, 2500, 0, 1)
 
 
-def test_the_last_client_that_wrote_leaves_safe_outputs() -> None:
+def test_last_writing_client_leaves_safe_outputs() -> None:
     points = safe_points()
     reader, first, second = object(), object(), object()
     points.client_wrote(first)
@@ -270,13 +259,7 @@ def test_the_last_client_that_wrote_leaves_safe_outputs() -> None:
     assert points.read(GO, 1000) == 0xFFF7
 
 
-def test_without_a_client_that_wrote_outputs_stay() -> None:
-    points = safe_points()
-    points.client_gone(object())
-    assert state(points) == (0xFFF7, 5000, -5000, 1, 1)
-
-
-def test_one_output_can_be_reset_kept_or_not() -> None:
+def test_reset_of_one_output_ignores_keep_on_reset() -> None:
     points = safe_points()
     points.reset_point(DO, 0)
     points.reset_point(DO, 3)
@@ -289,96 +272,3 @@ def test_one_output_can_be_reset_kept_or_not() -> None:
         with pytest.raises(IoError, match='an input has no reset') as error:
             points.reset_point(io_type, 0)
         assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED
-
-
-def test_a_profile_that_says_nothing_is_an_rc620() -> None:
-    assert read_io_profile({}, 'cell.yaml') == IoProfile()
-
-
-def test_a_profile_says_everything() -> None:
-    profile = read_io_profile(
-        {
-            'access': 'motoman',
-            'digital_inputs': 8,
-            'digital_outputs': 4,
-            'analog_inputs': 0,
-            'analog_outputs': 1,
-            'flags': 0,
-            'analog_range': [0, 4.0956],
-            'safe': {'DO2': True, 'AO0': 1},
-            'keep_on_reset': 'all',
-            'keep_on_link_loss': [],
-            'publish_period': 0.5,
-            'publish_interval': 0.002,
-        },
-        'cell.yaml',
-    )
-    assert profile == IoProfile(
-        'motoman',
-        8,
-        4,
-        0,
-        1,
-        0,
-        (0.0, 4.0956),
-        {(DO, 2): 1, (AO, 0): 1000},
-        frozenset({(DO, 0), (DO, 1), (DO, 2), (DO, 3), (AO, 0)}),
-        frozenset(),
-        0.5,
-        0.002,
-    )
-    assert profile.analog_limits == (0, 4095)
-
-
-NUMBER = 'must be a whole number from 0 to 4096'
-
-
-@pytest.mark.parametrize(
-    ('data', 'text'),
-    [
-        ({'outputs': 3}, 'io.outputs is not a key of the I/O'),
-        ({3: 3}, 'io.3 is not a key of the I/O'),
-        ({'flags': -1}, f'io.flags = -1: {NUMBER}'),
-        ({'flags': 4097}, f'io.flags = 4097: {NUMBER}'),
-        ({'flags': True}, f'io.flags = True: {NUMBER}'),
-        ({'digital_inputs': 2.0}, f'io.digital_inputs = 2.0: {NUMBER}'),
-        ({'publish_period': 0}, 'io.publish_period = 0: must be a number from 0.001 to 60'),
-        (
-            {'publish_interval': float('nan')},
-            'io.publish_interval = nan: must be a number from 0.001 to 60',
-        ),
-        ({'analog_range': 10}, 'io.analog_range = 10: must be two numbers, in V'),
-        (
-            {'analog_range': [-5, 'x']},
-            "io.analog_range[1] = 'x': must be a number from -100 to 100",
-        ),
-        ({'analog_range': [1, 5]}, 'io.analog_range = [1, 5]: 0 V must be in it'),
-        ({'analog_range': [5, -5]}, 'io.analog_range = [5, -5]: 0 V must be in it'),
-        (
-            {'safe': ['DO3']},
-            "io.safe = ['DO3']: must be a mapping, such as {DO3: 1, AO0: 2.5}",
-        ),
-        ({'safe': {'DO3': 2}}, 'io.safe.DO3 = 2: must be 0 or 1'),
-        ({'safe': {'AO0': 11}}, 'io.safe.AO0 = 11: must be a number from -10 to 10'),
-        (
-            {'safe': {'DI0': 1}},
-            "io.safe: 'DI0' is no output: must be DO0 to DO15 or AO0 to AO1",
-        ),
-        (
-            {'keep_on_reset': ['DO16']},
-            "io.keep_on_reset: 'DO16' is no output: must be DO0 to DO15 or AO0 to AO1",
-        ),
-        (
-            {'keep_on_link_loss': 'some'},
-            "io.keep_on_link_loss = 'some': must be a list of outputs, or all",
-        ),
-        (
-            {'keep_on_link_loss': [['DO1']], 'analog_outputs': 0},
-            "io.keep_on_link_loss: ['DO1'] is no output: must be DO0 to DO15",
-        ),
-    ],
-)
-def test_a_profile_error_names_file_key_and_value(data: dict[Any, Any], text: str) -> None:
-    with pytest.raises(InputError) as error:
-        read_io_profile(data, 'cell.yaml')
-    assert str(error.value) == f'cell.yaml: {text}'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The I/O port: bytes in and out, item by item; what is published; what a lost client leaves."""
+"""The I/O port: requests, publications and lost clients."""
 
 import gc
 import re
@@ -39,7 +39,7 @@ def frame(msg_type: int, *words: int, comm_type: int = REQUEST, order: str = '<'
 
 
 class Harness:
-    """A controller's points on a manual clock, and its clients; bytes are made with struct."""
+    """A controller's points on a manual clock, and its clients."""
 
     def __init__(self, profile: IoProfile | None = None) -> None:
         self.points = IoPoints(profile or IoProfile())
@@ -54,7 +54,7 @@ class Harness:
 
 
 class Client:
-    """One client; every message it was sent is a tuple: msg_type, comm_type, reply_code, body."""
+    """A client. Each message to it is a tuple: msg_type, comm_type, reply_code, body."""
 
     def __init__(self, harness: Harness, dialect: Dialect) -> None:
         self.order = dialect.byte_order.value
@@ -82,7 +82,7 @@ class Client:
         return body
 
     def published(self) -> list[Words]:
-        """Return the bodies of what was published since; nothing else may have come."""
+        """Return the publications since the last call, and assert that no other message came."""
         messages = self.received()
         assert {message[:3] for message in messages} <= {(PUB, TOPIC, 0)}
         return [message[3] for message in messages]
@@ -98,16 +98,16 @@ def client(harness: Harness) -> Client:
     return harness.client()
 
 
-def test_info_tells_what_there_is(client: Client) -> None:
+def test_info_lists_all_ranges(client: Client) -> None:
     ranges = (
         (1, 0, 24, 2), (2, 0, 16, 3), (3, 0, 2, 2), (4, 0, 2, 3),
         (5, 0, 3, 2), (5, 1000, 2, 2), (6, 0, 2, 3), (6, 1000, 1, 3), (7, 0, 512, 3),
     )  # fmt: skip
-    words = [word for held in ranges for word in held]
+    words = [word for each in ranges for word in each]
     assert client.ask(INFO, 77) == (77, 1, 9, *words)
 
 
-def test_read_answers_item_by_item(harness: Harness, client: Client) -> None:
+def test_read_answers_each_item(harness: Harness, client: Client) -> None:
     harness.points.set_input(IoType.GROUP_INPUT, 0, 0b100)
     harness.points.set_input(IoType.ANALOG_INPUT, 1, -1234)
     harness.wait(1.5)
@@ -123,34 +123,11 @@ def test_read_answers_item_by_item(harness: Harness, client: Client) -> None:
     )  # fmt: skip
 
 
-def test_write_does_what_it_can_and_answers_item_by_item(harness: Harness, client: Client) -> None:
+def test_write_executes_valid_items_and_answers_each(harness: Harness, client: Client) -> None:
     harness.wait(2.0)
     items = (
-        DO,
-        0,
-        1,
-        DO,
-        1,
-        2,
-        DI,
-        0,
-        1,
-        GO,
-        1,
-        0x81,
-        DO,
-        16,
-        1,
-        AO,
-        0,
-        10_001,
-        8,
-        0,
-        0,
-        AO,
-        1,
-        7,
-    )
+        DO, 0, 1, DO, 1, 2, DI, 0, 1, GO, 1, 0x81, DO, 16, 1, AO, 0, 10_001, 8, 0, 0, AO, 1, 7,
+    )  # fmt: skip
     assert client.ask(WRITE, 6, 8, *items) == (
         6, 2000, 8,
         DO, 0, 1,
@@ -166,18 +143,13 @@ def test_write_does_what_it_can_and_answers_item_by_item(harness: Harness, clien
     assert [harness.points.read(AO, index) for index in (0, 1)] == [0, 7]
 
 
-def test_a_flag_is_read_and_written(harness: Harness, client: Client) -> None:
-    assert client.ask(WRITE, 0, 1, FLAG, 511, 1) == (0, 0, 1, FLAG, 511, 1)
-    assert client.ask(READ, 0, 1, FLAG, 511) == (0, 0, 1, FLAG, 511, 1, 1)
-
-
-def test_an_empty_request_is_answered_emptily(client: Client) -> None:
+def test_empty_request_gets_an_empty_answer(client: Client) -> None:
     assert client.ask(READ, 3, 0) == (3, 0, 0)
     assert client.ask(WRITE, 3, 0) == (3, 0, 0)
     assert client.ask(SUB, 3, 0) == (3, 0)
 
 
-def test_a_big_endian_controller() -> None:
+def test_big_endian_controller() -> None:
     client = Harness().client(BIG_ENDIAN)
     assert client.ask(WRITE, 1, 1, DO, 3, 1) == (1, 0, 1, DO, 3, 1)
 
@@ -189,7 +161,7 @@ PROFILE = IoProfile(
 )
 
 
-def test_reset_gives_points_their_safe_value() -> None:
+def test_reset_sets_safe_values() -> None:
     harness = Harness(PROFILE)
     client = harness.client()
     client.ask(WRITE, 0, 3, GO, 1000, 0xFFF7, AO, 1, 500, FLAG, 9, 1)
@@ -206,13 +178,13 @@ def test_reset_gives_points_their_safe_value() -> None:
     assert (harness.points.read(AO, 1), harness.points.read(FLAG, 9)) == (0, 0)
 
 
-def test_a_reset_of_what_is_not_there(client: Client) -> None:
+def test_reset_of_a_missing_point_is_an_error(client: Client) -> None:
     assert client.ask(RESET, 4, 4, -1, 0, 8, -1, AI, -1, GO, -1) == (
         4, 4, -1, 0, 1001, 8, -1, 1001, AI, -1, 1002, GO, -1, 1,
     )  # fmt: skip
 
 
-def test_thousand_resets_of_everything_do_the_work_once(
+def test_repeated_resets_of_all_points_are_done_once(
     harness: Harness, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = []
@@ -228,11 +200,11 @@ def test_thousand_resets_of_everything_do_the_work_once(
     assert len(calls) == 16 + 2 + 512
 
 
-def test_the_examples_of_the_docs_are_what_the_port_says(harness: Harness) -> None:
+def test_examples_of_the_docs_match_the_port(harness: Harness) -> None:
     text = (Path(__file__).parents[3] / 'docs' / 'examples' / 'io_frames.txt').read_text(
         encoding='utf-8'
     )
-    text = re.sub(r'\n    (?=[0-9a-f]{8} )', ' ', text)  # a long one goes on in the next line
+    text = re.sub(r'\n    (?=[0-9a-f]{8} )', ' ', text)  # long frames continue in the next line
     lines = re.findall(r'^(?:[0-9a-f]{8} {1,2})+[0-9a-f]{8}$', text, re.MULTILINE)
     frames = [bytes.fromhex(line) for line in lines]
     assert len(frames) == 13
@@ -255,10 +227,10 @@ def test_the_examples_of_the_docs_are_what_the_port_says(harness: Harness) -> No
     assert sent == [frames[-1]]
 
 
-# What is published.
+# Publications.
 
 
-def test_a_subscription_publishes_at_once_and_then_periodically(
+def test_subscription_publishes_immediately_and_periodically(
     harness: Harness, client: Client
 ) -> None:
     harness.points.set_input(IoType.DIGITAL_INPUT, 5, 1)
@@ -270,7 +242,7 @@ def test_a_subscription_publishes_at_once_and_then_periodically(
     assert client.published() == [(100, *body), (200, *body), (300, *body)]
 
 
-def test_a_change_is_published_at_once(harness: Harness, client: Client) -> None:
+def test_change_is_published_immediately(harness: Harness, client: Client) -> None:
     client.ask(SUB, 0, 2, DI, 0, 2, GI, 0, 1)
     harness.wait(0.03)
     client.received()
@@ -296,9 +268,7 @@ def test_changes_are_published_no_closer_than_the_interval(
     assert stamps == list(range(10, 91, 10))
 
 
-def test_a_change_that_is_undone_before_it_is_published_is_none(
-    harness: Harness, client: Client
-) -> None:
+def test_undone_change_is_not_published(harness: Harness, client: Client) -> None:
     client.ask(SUB, 0, 1, DI, 0, 1)
     harness.wait(0.05)
     client.received()
@@ -309,7 +279,7 @@ def test_a_change_that_is_undone_before_it_is_published_is_none(
     assert client.published() == []
 
 
-def test_each_client_gets_what_it_subscribed_to(harness: Harness) -> None:
+def test_each_client_gets_its_subscriptions(harness: Harness) -> None:
     writer, reader, deaf = harness.client(), harness.client(), harness.client()
     reader.ask(SUB, 0, 1, DO, 0, 2)
     harness.wait(0.0)
@@ -320,16 +290,14 @@ def test_each_client_gets_what_it_subscribed_to(harness: Harness) -> None:
     assert writer.received() == deaf.received() == []
 
 
-def test_a_range_that_begins_where_another_did_replaces_it(
-    harness: Harness, client: Client
-) -> None:
+def test_range_with_the_same_start_replaces_the_first(harness: Harness, client: Client) -> None:
     client.ask(SUB, 0, 1, DI, 0, 4)
     client.ask(SUB, 0, 1, DI, 0, 2)
     harness.wait(0.0)
     assert client.published() == [(0, 1, DI, 0, 2, 0, 0)]
 
 
-def test_unsubscribing(harness: Harness, client: Client) -> None:
+def test_unsubscribed_range_is_not_published(harness: Harness, client: Client) -> None:
     client.ask(SUB, 0, 2, DI, 0, 1, DO, 0, 1)
     harness.wait(0.0)
     client.received()
@@ -348,7 +316,7 @@ def test_unsubscribing(harness: Harness, client: Client) -> None:
     assert client.published() == [(1100, 1, DO, 0, 1, 1), (1200, 1, DO, 0, 1, 1)]
 
 
-def test_a_subscription_to_what_is_not_there(harness: Harness, client: Client) -> None:
+def test_subscription_to_a_missing_range_is_an_error(harness: Harness, client: Client) -> None:
     assert client.ask(SUB, 2, 4, DI, 20, 5, 8, 0, 1, DI, 0, 0, GI, 2, 999) == (
         2, 4, DI, 20, 2001, 8, 0, 1001, DI, 0, 2001, GI, 2, 2001,
     )  # fmt: skip
@@ -372,7 +340,7 @@ def test_the_number_of_values_is_bounded(harness: Harness) -> None:
     )  # fmt: skip
 
 
-# When the I/O server does not run.
+# A stopped I/O server.
 
 
 def test_without_the_io_server_every_request_fails_and_nothing_is_published(
@@ -424,7 +392,7 @@ def test_without_the_io_server_every_request_fails_and_nothing_is_published(
         (frame(WRITE, 0, 1, DO, 0, 1, comm_type=9), [(WRITE, REPLY, FAILURE, ())]),
     ],
 )
-def test_any_other_frame_changes_nothing(
+def test_other_frame_changes_nothing(
     harness: Harness, client: Client, sent: bytes, answers: list[tuple[int, int, int, Words]]
 ) -> None:
     client.session.receive(sent)
@@ -433,19 +401,7 @@ def test_any_other_frame_changes_nothing(
     assert client.ask(WRITE, 0, 1, DO, 0, 1) == (0, 0, 1, DO, 0, 1)
 
 
-def test_a_request_may_come_byte_by_byte_and_many_at_once(
-    harness: Harness, client: Client
-) -> None:
-    data = b''.join(frame(WRITE, number, 1, DO, number, 1) for number in range(3))
-    for at in range(len(data)):
-        client.session.receive(data[at : at + 1])
-    one_by_one = client.received()
-    client.session.receive(data)
-    assert client.received() == one_by_one
-    assert [message[3] for message in one_by_one] == [(n, 0, 1, DO, n, 1) for n in range(3)]
-
-
-def test_an_impossible_length_ends_the_session(client: Client) -> None:
+def test_impossible_length_ends_the_session(client: Client) -> None:
     with pytest.raises(FrameError, match='length = 65536'):
         client.session.receive(struct.pack('<i', 65536))
 
@@ -457,7 +413,7 @@ def test_an_impossible_length_ends_the_session(client: Client) -> None:
     comm_type=st.sampled_from([REQUEST, REQUEST, TOPIC, REPLY, 0]),
     words=st.lists(st.integers(-2, 9) | st.integers(-(2**31), 2**31 - 1), max_size=14),
 )
-def test_invariant_7_any_words_at_all_and_the_next_request_works(
+def test_inv7_next_request_works_after_any_words(
     msg_type: int, comm_type: int, words: list[int]
 ) -> None:
     harness = Harness()
@@ -469,23 +425,7 @@ def test_invariant_7_any_words_at_all_and_the_next_request_works(
     assert client.ask(READ, 1, 1, DI, 0) == (1, 0, 1, DI, 0, 1, 0)
 
 
-# A client that is gone.
-
-
-def test_link_loss_gives_outputs_their_safe_value_but_for_those_it_keeps() -> None:
-    harness = Harness(PROFILE)
-    first, second, reader = harness.client(), harness.client(), harness.client()
-    first.ask(WRITE, 0, 1, GO, 1000, 0xF7)
-    second.ask(WRITE, 0, 1, DO, 8, 1)
-    reader.ask(READ, 0, 1, DO, 0)
-    reader.session.closed()
-    second.session.closed()
-    assert harness.points.read(GO, 1000) == 0x1F7
-    first.session.closed()
-    assert harness.points.read(GO, 1000) == 0b1010
-    harness.points.write(GO, 1000, 0xF7)
-    first.session.closed()
-    assert harness.points.read(GO, 1000) == 0xF7
+# A lost client.
 
 
 @pytest.mark.parametrize(
@@ -498,7 +438,7 @@ def test_link_loss_gives_outputs_their_safe_value_but_for_those_it_keeps() -> No
         ((RESET, 0, 1, DO, 5), 0),
     ],
 )
-def test_a_client_that_is_gone_leaves_outputs_only_if_it_changed_none(
+def test_lost_client_resets_outputs_if_it_wrote_one(
     harness: Harness, client: Client, words: Words, left: int
 ) -> None:
     harness.points.write(DO, 0, 1)
@@ -507,7 +447,7 @@ def test_a_client_that_is_gone_leaves_outputs_only_if_it_changed_none(
     assert harness.points.read(DO, 0) == left
 
 
-def test_a_client_that_is_gone_gets_nothing(harness: Harness, client: Client) -> None:
+def test_lost_client_gets_no_messages(harness: Harness, client: Client) -> None:
     client.ask(SUB, 0, 1, DI, 0, 1)
     harness.wait(0.0)
     client.received()
@@ -521,7 +461,7 @@ def test_a_client_that_is_gone_gets_nothing(harness: Harness, client: Client) ->
     assert harness.clock.next_due is None
 
 
-def test_nothing_is_kept_of_a_client_that_is_gone(harness: Harness) -> None:
+def test_lost_client_is_not_kept_in_memory(harness: Harness) -> None:
     client = harness.client()
     client.ask(SUB, 0, 1, DI, 0, 1)
     client.ask(WRITE, 0, 1, DO, 0, 1)

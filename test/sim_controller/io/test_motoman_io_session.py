@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated Motoman's I/O port answers as MotoROS does, byte for byte and without a socket."""
+"""The I/O port of the simulated Motoman answers like MotoROS."""
 
 import struct
 
@@ -69,20 +69,20 @@ def test_outputs_are_written_and_read_back(peer):
         ((2009, 1, 0), (2010, FAILURE, (1002,))),
     ],
 )
-def test_what_cannot_be_done_has_motoros_results(peer, request_words, answer):
+def test_invalid_request_gets_the_result_of_motoros(peer, request_words, answer):
     assert peer.ask(*request_words) == answer
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('words', [(1,), (2003,), (2003, 10, 10), (65201, 1, 0), (2012, 0), (7,)])
-def test_what_is_no_io_message_is_answered_with_ioctrl_reply(peer, words):
+def test_inv7_other_message_is_answered_with_ioctrl_reply(peer, words):
     kind, code, (result, subcode) = peer.ask(*words)
     assert (kind, code, result) == (2011, SUCCESS, 3)
     assert subcode in (3001, 3003)
     assert peer.ask(2003, 10) == (2004, SUCCESS, (0, 0))
 
 
-def test_outputs_stay_when_the_client_is_gone_and_after_a_reset(peer):
+def test_outputs_are_kept_after_a_lost_client_and_a_reset(peer):
     peer.ask(2005, 10010, 1)
     peer.session.closed()
     peer.points.reset()
