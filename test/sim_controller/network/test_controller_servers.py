@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The ports on real sockets."""
+"""The ports on sockets."""
 
 import asyncio
 import socket
@@ -12,7 +12,7 @@ import pytest
 from support.controller_harness import FAILURE, MODEL, PROFILE, STOP, SUCCESS, frame, point
 from support.event_loop import run, stand_still, until
 
-from epson_driver.remote_ethernet.client import MAX_LOGINS, RemoteError, execute
+from epson_driver.remote_ethernet.client import RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.client_connections import MAX_CATCH_UP_SLOTS
@@ -23,7 +23,7 @@ from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)
-SLOW = 0.05  # of the maximum speed: a move that is surely still going on
+SLOW = 0.05  # of the maximum speed, so that the move lasts
 FAR = (2.0, 0.5)
 
 
@@ -43,7 +43,7 @@ class Served:
 def on_sockets(test, real_time=False):
     """Run a coroutine function with `served` in the event loop of tests.
 
-    In real time where the system's own timers take part: a backlog that is full is one.
+    real_time: for tests that depend on timers of the operating system.
     """
 
     def on_loop():
@@ -102,36 +102,9 @@ async def test_points_are_executed_and_answered(served):
     await until(lambda: not served.controller.in_motion)
 
 
-@on_sockets
-async def test_one_byte_per_segment(served):
-    served.controller.apply(Event.MOTORS_ON)
-    reader, writer = await served.connect()
-    for byte in point(0, (0.05,)) + frame(1, 2, 0):
-        writer.write(bytes([byte]))
-        await writer.drain()
-        await asyncio.sleep(0)
-    frames = [await read_frame(reader), await read_frame(reader)]
-    assert sorted(header[:3] for header in frames) == [(1, 3, 1), (10, 3, 1)]
-
-
-@on_sockets
-async def test_a_second_motion_client_is_refused_and_the_first_goes_on(served):
-    served.controller.apply(Event.MOTORS_ON)
-    reader, writer = await served.connect()
-    writer.write(point(0, (0.5,)))
-    for _ in range(3):
-        second, second_writer = await served.connect()
-        second_writer.write(point(STOP))
-        assert await rejected(second)
-    assert await read_code(reader) == (0, SUCCESS)
-    writer.write(point(1))
-    assert await read_code(reader) == (1, SUCCESS)
-    assert served.controller.condition.motors is Motors.ON
-
-
 @pytest.mark.parametrize('port', ['motion', 'state'])
-async def test_one_client_too_many_replaces_the_oldest_unless_the_arm_moves(port):
-    """As MotoROS does, where the profile says so (`server.full`)."""
+async def test_surplus_client_replaces_the_oldest_unless_the_arm_moves(port):
+    """The behaviour of MotoROS, selected by `server.full` of the profile."""
     server = replace(PROFILE.server, full='replace', lost_client='keep', state_clients=1)
 
     async with serving(replace(PROFILE, server=server)) as served:
@@ -168,7 +141,7 @@ async def rejected(reader):
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('how', ['close', 'reset', 'half close'])
-def test_invariant_4_a_lost_client_stops_the_arm_and_may_come_back(how):
+def test_inv4_lost_client_stops_the_arm_and_may_reconnect(how):
     async def test(served):
         controller = served.controller
         controller.apply(Event.MOTORS_ON)
@@ -199,8 +172,8 @@ def test_invariant_4_a_lost_client_stops_the_arm_and_may_come_back(how):
 
 
 @on_sockets
-async def test_a_client_that_reconnects_at_once_is_not_refused_for_its_own_past(served):
-    topics = frame(999, 1, 0) * 1000  # several portions: its end is not seen at once
+async def test_immediate_reconnection_is_accepted(served):
+    topics = frame(999, 1, 0) * 1000  # several reads, so the end is detected late
     for index in range(50):
         reader, writer = await served.connect()
         writer.write(point(STOP))
@@ -211,7 +184,7 @@ async def test_a_client_that_reconnects_at_once_is_not_refused_for_its_own_past(
 
 @pytest.mark.invariant(7)
 @on_sockets
-async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(served):
+async def test_inv7_garbage_ends_the_connection_and_the_next_one_works(served):
     for garbage in (b'GET / HTTP/1.0\r\n\r\n', bytes(64), b'\xff' * 5000, point(0, order='>')):
         served.controller.apply(Event.MOTORS_ON)
         reader, writer = await served.connect()
@@ -226,12 +199,12 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(caplog, monkeypatch):
-    monkeypatch.delitem(tcp_connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # or TCP gives up first
+def test_inv7_client_that_reads_no_replies_is_disconnected(caplog, monkeypatch):
+    monkeypatch.delitem(tcp_connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # before a TCP timeout
 
     async def test(served):
         sock = socket.socket()
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full soon
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # a small buffer
         sock.setblocking(False)
         await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.motion))
         _, writer = await asyncio.open_connection(sock=sock)
@@ -240,21 +213,21 @@ def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(cap
         served.controller.apply(Event.MOTORS_ON)
         pings = frame(1, 2, 0, bytes(40)) * 1000
 
-        async def ping_for_ever():
+        async def ping_repeatedly():
             while True:
                 writer.write(pings)
                 await writer.drain()
 
         with pytest.raises(ConnectionError):
-            await ping_for_ever()
+            await ping_repeatedly()
         await until(lambda: served.controller.condition.motors is Motors.OFF)
 
-    on_sockets(test, real_time=True)()  # the system's buffers fill in their own time
+    on_sockets(test, real_time=True)()  # the system's buffers fill in real time
     assert 'does not read: disconnected' in caplog.text
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_a_flood_of_requests_does_not_stop_the_state():
+def test_inv7_flood_of_requests_does_not_stop_state_messages():
     async def main():
         async with serving() as served:
             state, _ = await served.connect('state')
@@ -262,7 +235,7 @@ def test_invariant_7_a_flood_of_requests_does_not_stop_the_state():
             flood = frame(999, 2, 0) * 20_000
             answered = 0
 
-            async def flood_for_ever():
+            async def flood_repeatedly():
                 nonlocal answered
                 while True:
                     writer.write(flood)
@@ -270,7 +243,7 @@ def test_invariant_7_a_flood_of_requests_does_not_stop_the_state():
                         assert (await read_frame(reader))[:3] == (999, 3, 2)
                         answered += 1
 
-            flooding = asyncio.create_task(flood_for_ever())
+            flooding = asyncio.create_task(flood_repeatedly())
             await until(lambda: answered)
             for _ in range(20):
                 await read_frame(state)
@@ -279,7 +252,7 @@ def test_invariant_7_a_flood_of_requests_does_not_stop_the_state():
             with suppress(asyncio.CancelledError):
                 await flooding
 
-    run(main(), real_time=True)  # what a flood takes is the processor's time
+    run(main(), real_time=True)  # a flood uses processor time
 
 
 # ---- smooth motion
@@ -311,7 +284,7 @@ def test_smooth_motion_through_sockets_and_a_process():
 
 
 @on_sockets
-async def test_ten_joint_positions_then_a_status_byte_for_byte(served):
+async def test_status_bytes_follow_ten_joint_positions(served):
     reader, _ = await served.connect('state')
     joints = bytes.fromhex('38000000 0a000000 01000000 00000000') + bytes(44)
     status = bytes.fromhex(
@@ -326,39 +299,9 @@ async def test_ten_joint_positions_then_a_status_byte_for_byte(served):
     assert await reader.readexactly(60 * 10 + 44) == joints * 10 + status
 
 
-@on_sockets
-async def test_the_state_shows_an_estop_and_the_arm_on_its_way(served):
-    served.controller.apply(Event.MOTORS_ON)
-    state, _ = await served.connect('state')
-    reader, writer = await served.connect()
-    writer.write(point(0, (1.0,), 0.5))
-    seen = []
-    pressed = False
-    while not seen or seen[-1] != (0, 1, 2261, 1, 0, 2, 0):
-        msg_type, _, _, body = await read_frame(state)
-        if msg_type == 13:
-            seen.append(struct.unpack('<7i', body))
-        if served.controller.joint_position().joints[0] > 0.2 and not pressed:
-            with served.servers.pacer.present() as controller:
-                controller.apply(Event.ESTOP_PRESS)
-            pressed = True
-    assert (1, 0, 0, 0, 1, 2, 1) in seen
-    assert await read_code(reader) == (0, FAILURE)
-
-
-@on_sockets
-async def test_several_state_clients_and_one_that_shuts_only_its_own_side(served):
-    first, first_writer = await served.connect('state')
-    second, _ = await served.connect('state')
-    first_writer.write_eof()
-    for _ in range(22):
-        await read_frame(first)
-        await read_frame(second)
-
-
 @pytest.mark.invariant(7)
-async def test_invariant_7_a_state_client_that_has_shut_its_own_side_gives_its_place_up():
-    """A proxy whose client has gone reads on for ever: the driver must not be kept out."""
+async def test_inv7_half_closed_state_client_is_disconnected_in_time():
+    """A proxy without a client reads forever and must not block the driver."""
     server = replace(PROFILE.server, lost_client='keep', state_clients=3)
 
     async with serving(replace(PROFILE, server=server)) as served:
@@ -407,7 +350,7 @@ async def test_requests_on_the_state_port(served):
 
 
 @on_sockets
-async def test_garbage_on_the_state_or_io_port_ends_that_connection_only(served):
+async def test_garbage_on_the_state_or_io_port_ends_one_connection(served):
     good, _ = await served.connect('state')
     for port in ('state', 'io'):
         reader, writer = await served.connect(port)
@@ -417,22 +360,9 @@ async def test_garbage_on_the_state_or_io_port_ends_that_connection_only(served)
         await read_frame(good)
 
 
-@on_sockets
-async def test_requests_on_the_io_port(served):
-    reader, writer = await served.connect('io')
-    writer.write(frame(1, 2, 0) + frame(65201, 2, 0, struct.pack('<4i', 7, 1, 1, 3)))
-    writer.write(frame(65201, 2, 0, bytes(6)) + frame(13, 2, 0, bytes(28)))
-    assert (await read_frame(reader))[:3] == (1, 3, 1)
-    msg_type, comm_type, code, body = await read_frame(reader)
-    assert (msg_type, comm_type, code) == (65201, 3, 1)
-    assert struct.unpack_from('<i4x5i', body) == (7, 1, 1, 3, 1, 0)  # input 3: fine, and off
-    assert (await read_frame(reader))[:3] == (65201, 3, 2)
-    assert (await read_frame(reader))[:3] == (13, 3, 2)
-
-
 @pytest.mark.parametrize('message', ['joint_position', 'joint_feedback'])
-async def test_a_state_client_is_kept_that_was_not_scheduled_for_two_seconds(message):
-    """Nor was the controller: it makes up for its slots at once, into a buffer that is small."""
+async def test_stalled_state_client_is_kept_for_two_seconds(message):
+    """After a common stall the controller sends the missed slots into a small buffer."""
     profile = replace(PROFILE, state=replace(PROFILE.state, message=message))
 
     async with serving(profile) as served:
@@ -454,8 +384,8 @@ async def test_a_state_client_is_kept_that_was_not_scheduled_for_two_seconds(mes
 
 
 @pytest.mark.invariant(6)
-def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog, monkeypatch):
-    monkeypatch.delitem(tcp_connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # or TCP gives up first
+def test_inv6_state_client_that_does_not_read_is_disconnected(caplog, monkeypatch):
+    monkeypatch.delitem(tcp_connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # before a TCP timeout
 
     async def main():
         profile = replace(PROFILE, state=replace(PROFILE.state, period=0.001))
@@ -467,7 +397,7 @@ def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog, m
             good, _ = await served.connect('state')
             data = 0
             await until(lambda: served.servers.clients('state') == 2)
-            while served.servers.clients('state') == 2:  # the other one is served all the time
+            while served.servers.clients('state') == 2:  # the other client is still served
                 data += len((await read_frame(good))[3])
             assert served.servers.clients('state') == 1
             for _ in range(20):
@@ -479,7 +409,7 @@ def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog, m
 
 
 @on_sockets
-async def test_big_and_small_ports_are_refused_with_their_name(served):
+async def test_used_or_invalid_port_is_refused_with_its_name(served):
     other = ControllerServers(new_controller(MODEL, PROFILE))
     taken = Ports(0, served.ports.state, 0, 0)
     with pytest.raises(OSError, match=rf'state port {HOST}:{served.ports.state}: .*in use'):
@@ -489,7 +419,7 @@ async def test_big_and_small_ports_are_refused_with_their_name(served):
 
 
 @on_sockets
-async def test_everything_closes_while_clients_are_connected(served):
+async def test_servers_close_while_clients_are_connected(served):
     reader, writer = await served.connect()
     state, _ = await served.connect('state')
     served.controller.apply(Event.MOTORS_ON)
@@ -519,96 +449,8 @@ async def test_remote_commands_over_the_network(served):
         await execute(HOST, port, ['Reset\r\n$SetMotorsOn'], 20)
 
 
-@on_sockets
-async def test_remote_lines_with_either_ending_and_several_clients(served):
-    first, first_writer = await served.connect('remote')
-    second, second_writer = await served.connect('remote')
-    first_writer.write(b'$Login\n$GetStatus\r\n')
-    second_writer.write(b'$GetStatus\n')
-    assert await first.readline() == b'#Login,0\r\n'
-    assert await first.readline() == b'#GetStatus,00100000001,0000\r\n'
-    assert await second.readline() == b'!GetStatus,11\r\n'
-    first_writer.write(b'\xff\xfe\n')
-    assert (await first.readline()).endswith(b',10\r\n')
-
-
-@pytest.mark.invariant(7)
-@on_sockets
-async def test_invariant_7_a_remote_line_without_end_closes_that_connection(served):
-    reader, writer = await served.connect('remote')
-    writer.write(b'$' + b'x' * 100_000)
-    assert await reader.readline() == b'!,12\r\n'
-    assert await rejected(reader)
-    assert await execute(HOST, served.ports.remote, ['GetStatus'], 20)
-
-
-@pytest.mark.parametrize(
-    ('answer', 'error', 'text'),
-    [
-        (b'hello\r\n', ConnectionError, "'hello' is no answer to Login"),
-        (b'#GetStatus,1\r\n', ConnectionError, 'is no answer to Login'),
-        (b'!Login,what\r\n', ConnectionError, 'is no answer to Login'),
-        (b'', ConnectionError, 'closed by the controller before it answered Login'),
-        (b'x' * 200_000, ConnectionError, 'does not end'),
-        (b'!Login,13\r\n', RemoteError, r'the password is wrong \(error 13\)'),
-        (b'!Login,77\r\n', RemoteError, r'unknown error number \(error 77\)'),
-    ],
-)
-async def test_what_else_may_answer_a_remote_command(answer, error, text):
-    async def serve(reader, writer):
-        await reader.readline()
-        writer.write(answer)
-        await writer.drain()
-        writer.close()
-
-    server = await asyncio.start_server(serve, HOST, 0)
-    port = server.sockets[0].getsockname()[1]
-    with pytest.raises(error, match=text):
-        await execute(HOST, port, ['Reset'], 20)
-    server.close()
-
-
 @pytest.mark.invariant(9)
-@pytest.mark.parametrize('how', ['end', 'reset'])
-async def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(how):
-    comes = 0
-    asked = []
-
-    async def serve(reader, writer):
-        nonlocal comes
-        comes += 1
-        if comes < MAX_LOGINS:
-            if how == 'reset':
-                writer.transport.abort()
-            writer.close()
-            return
-        for name in (b'Login', b'Reset'):
-            asked.append(await reader.readline())
-            writer.write(b'#%s,0\r\n' % name)
-        writer.close()  # and no answer to the logout: all that was asked for is done
-
-    server = await asyncio.start_server(serve, HOST, 0)
-    port = server.sockets[0].getsockname()[1]
-    assert await execute(HOST, port, ['Reset'], 20) == ['0']
-    assert asked == [b'$Login,\r\n', b'$Reset\r\n']
-    assert comes == MAX_LOGINS
-    with pytest.raises(ConnectionError, match=f'{HOST}:{port}: .*'):
-        await execute(HOST, port, ['Reset', 'Stop'], 20)
-    assert comes == MAX_LOGINS + 1  # a command is never given twice
-    server.close()
-
-
-async def test_a_remote_port_that_is_silent_or_not_there():
-    with socket.create_server((HOST, 0)) as silent:
-        port = silent.getsockname()[1]
-        with pytest.raises(TimeoutError):
-            await execute(HOST, port, ['Reset'], 0.1)
-    with pytest.raises(ConnectionError, match=rf'{HOST}:{port}: '):
-        await execute(HOST, port, ['Reset'], 20)
-
-
-@pytest.mark.invariant(9)
-async def test_a_defect_in_what_serves_a_client_ends_the_controller(monkeypatch):
+async def test_exception_in_a_session_ends_the_controller(monkeypatch):
     controller = new_controller(MODEL, PROFILE)
     servers = ControllerServers(controller)
     ports = await servers.open(HOST, FREE)

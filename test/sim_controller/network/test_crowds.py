@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Crowds of clients, and the log of what they did."""
+"""Many clients at once, and the log of their messages."""
 
 import asyncio
 import errno
@@ -34,13 +34,13 @@ CROWD = 200
 on_sockets_in_real_time = partial(on_sockets, real_time=True)
 
 
-async def crowd(served, port, count=CROWD):
+async def connect_many(served, port, count=CROWD):
     return [await served.connect(port) for _ in range(count)]
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', one_in(4, ['remote', 'motion', 'state', 'io']))
-def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port, monkeypatch):
+def test_inv7_each_of_many_clients_is_served_or_refused(port, monkeypatch):
     async def test(served):
         rules = next(
             each for each in port_rules(served.controller.profile.server) if each.name == port
@@ -54,43 +54,41 @@ def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port,
         real = asyncio.open_connection
 
         async def counted(*where, **options):
-            if 'sock' in options:  # of a client that was accepted
+            if 'sock' in options:  # an accepted client
                 seen.append(served.servers.clients(port))
             return await real(*where, **options)
 
         monkeypatch.setattr(asyncio, 'open_connection', counted)
-        clients = await crowd(served, port)
-        places = rules.max_clients or MAX_REMOTE_CLIENTS
+        clients = await connect_many(served, port)
+        capacity = rules.max_clients or MAX_REMOTE_CLIENTS
         ends = [asyncio.create_task(rejected(reader)) for reader, _ in clients]
-        await until(lambda: sum(end.done() for end in ends) >= CROWD - places)
-        assert max(seen) <= most + MAX_NEWCOMERS  # one that makes room takes a few turns to go
-        await until(lambda: served.servers.clients(port) == places)
-        assert sum(end.done() for end in ends) == CROWD - places
+        await until(lambda: sum(end.done() for end in ends) >= CROWD - capacity)
+        assert max(seen) <= most + MAX_NEWCOMERS  # displaced clients close a little later
+        await until(lambda: served.servers.clients(port) == capacity)
+        assert sum(end.done() for end in ends) == CROWD - capacity
 
     on_sockets(test, real_time=True)()
 
 
 @pytest.mark.invariant(7)
 @on_sockets_in_real_time
-async def test_invariant_7_a_remote_command_is_answered_whatever_the_crowd(served):
-    await crowd(served, 'remote')
+async def test_inv7_remote_command_is_answered_beside_many_clients(served):
+    await connect_many(served, 'remote')
     assert await execute(HOST, served.ports.remote, ['Sim,estop,press'], 60) == ['0']
 
 
 @on_sockets_in_real_time
-async def test_a_client_that_is_sent_away_makes_no_difference_to_the_others(served):
+async def test_refused_clients_do_not_disturb_the_others(served):
     state, _ = await served.connect('state')
     await read_frame(state)
-    await crowd(served, 'state')
+    await connect_many(served, 'state')
     for _ in range(50):
         await read_frame(state)
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('number', [errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.EPROTO])
-def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(
-    number, caplog, monkeypatch
-):
+def test_inv9_failed_accept_is_logged_and_retried(number, caplog, monkeypatch):
     async def test(served):
         failures = 3
         real = socket.socket.accept
@@ -100,7 +98,7 @@ def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(
             failures -= 1
             if failures < 0:
                 return real(listening)
-            raise OSError(number, 'as asked for')
+            raise OSError(number, 'as injected')
 
         monkeypatch.setattr(socket.socket, 'accept', accept)
         reader, writer = await served.connect()
@@ -108,19 +106,19 @@ def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(
         assert (await read_frame(reader))[:3] == (1, 3, 1)
 
     on_sockets(test)()
-    said = [text for text in caplog.messages if 'nobody can be accepted now' in text]
-    assert said == ['motion port: nobody can be accepted now: as asked for'] * 3
+    lines = [text for text in caplog.messages if 'nobody can be accepted now' in text]
+    assert lines == ['motion port: nobody can be accepted now: as injected'] * 3
     assert 'Traceback' not in caplog.text
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.slow
 @on_sockets
-async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
-    """So what comes between two looks at the clock is bounded, and everybody has his turn."""
+async def test_inv7_one_client_is_read_per_iteration_of_the_loop(served):
+    """The work between two timer checks is bounded, and all clients are served."""
     loop = asyncio.get_running_loop()
     turn = 0
-    heard = []
+    received = []
 
     def next_turn():
         nonlocal turn
@@ -128,7 +126,7 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
         loop.call_soon(next_turn)
 
     def receive(connection, data, real=ClientConnection.receive):
-        heard.append((turn, connection, len(data)))
+        received.append((turn, connection, len(data)))
         real(connection, data)
 
     loop.call_soon(next_turn)
@@ -138,30 +136,28 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
             for _ in range(1 if port == 'motion' else 5):
                 _, writer = await served.connect(port)
                 writer.write(b'$GetStatus\n' * 500 if port == 'remote' else frame(1, 2, 0) * 500)
-        await until(lambda: len(heard) > 150)
-    turns = [at for at, _, _ in heard]
+        await until(lambda: len(received) > 150)
+    turns = [at for at, _, _ in received]
     assert len(set(turns)) == len(turns)
-    connections = {connection for _, connection, _ in heard}
+    connections = {connection for _, connection, _ in received}
     assert len(connections) == 16
-    assert all(size <= 128 for _, connection, size in heard if connection.port == 'remote')
-    assert all(size <= 1024 for _, connection, size in heard if connection.port != 'motion')
+    assert all(size <= 128 for _, connection, size in received if connection.port == 'remote')
+    assert all(size <= 1024 for _, connection, size in received if connection.port != 'motion')
 
 
-def test_who_uses_more_than_the_share_waits_for_it_and_who_is_quiet_saves_up():
+def test_cpu_budget_delays_heavy_use_and_saves_unused_time():
     budget = CpuBudget(0.0)
     assert budget.used(INITIAL_S, 0.1, 0.0) == 0.0
     assert budget.used(0.01, 0.1, 0.0) == pytest.approx(0.1)
     assert budget.used(0.01, 0.1, 0.1) == pytest.approx(0.1)
     assert budget.used(0.6 * MAX_SAVED_S, 0.1, 1000.0) == 0.0
     assert budget.used(0.4 * MAX_SAVED_S, 0.1, 1000.0) == pytest.approx(0.0)
-    assert budget.used(MAX_SAVED_S, 0.1, 2000.0) == pytest.approx(
-        0.0
-    )  # no more than that is saved
+    assert budget.used(MAX_SAVED_S, 0.1, 2000.0) == pytest.approx(0.0)  # the maximum is saved
     assert budget.used(0.01, 0.1, 2000.0) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize('clients', [1, 4, 16])
-def test_all_clients_of_a_port_together_keep_to_its_share(clients):
+def test_clients_of_a_port_share_its_cpu_budget(clients):
     budgets = [CpuBudget(0.0) for _ in range(clients)]
     due = [0.0] * clients
     used = 0.0
@@ -176,7 +172,7 @@ MANY = 20_000
 
 
 class Log:
-    """The lines that a controller writes to stderr, at a time that a test sets."""
+    """The lines that a controller writes to stderr, on a manual clock."""
 
     def __init__(self, capfd):
         self.now = 100.0
@@ -208,7 +204,7 @@ def client():
 
 @pytest.mark.slow
 @pytest.mark.invariant(7)
-def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted(log, client):
+def test_inv7_repeated_rejections_are_counted_not_logged(log, client):
     client.receive(b'$Nothing\n' * MANY)
     log.now += 1.0
     client.receive(b'$Nothing\n' * MANY)
@@ -218,14 +214,14 @@ def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted
     assert lines[-1].endswith(f'(and {MANY - BURST_LINES} like it before)')
 
 
-def test_other_lines_pass_while_one_kind_is_held_back(log, client):
+def test_other_lines_are_logged_while_one_kind_is_suppressed(log, client):
     client.receive(b'$Login\n' + b'$Nothing\n' * MANY + b'$Sim,estop,press\n')
     lines = log.lines()
     assert len(lines) == BURST_LINES + 1
     assert 'E-stop press: ' in lines[-1]
 
 
-def test_what_a_client_sends_does_nothing_to_the_terminal(log, client):
+def test_control_characters_are_escaped_in_the_log(log, client):
     client.receive(b'$\x1b]0;owned\x07\x9b2J\x08\x00\n\x1b[31mno dollar\n')
     lines = log.lines()
     assert len(lines) == 2
@@ -235,9 +231,9 @@ def test_what_a_client_sends_does_nothing_to_the_terminal(log, client):
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io'])
-def test_invariant_7_refused_messages_have_a_pace_on_every_port(log, port):
+def test_inv7_log_of_refused_messages_is_limited_on_every_port(log, port):
     connection = Harness(motors=False, connect=False).controller.connect(port, Peer())
-    for kind in (11, 12, 13, 65_201, 999, 0, -1):  # too short for what they are
+    for kind in (11, 12, 13, 65_201, 999, 0, -1):  # too short for their types
         connection.receive(
             b'\x0f\0\0\0' + kind.to_bytes(4, 'little', signed=True) + b'\2' + bytes(10)
         )

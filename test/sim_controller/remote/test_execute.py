@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""$Execute: what it takes, what it answers and when, and whose the arm is meanwhile."""
+"""$Execute: statements, answers, timing and exclusive use of the arm."""
 
 import re
 
@@ -25,8 +25,8 @@ BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 STEP_S = 0.004
 
 
-def free(**options):
-    """Return a remote client of a controller whose motion port has no client; motors on."""
+def new_remote(**options):
+    """Return a remote client of an enabled controller without a motion client."""
     remote = Remote(Harness(BENT, motors=False, connect=False, **options))
     remote.harness.do('motors on')
     return remote
@@ -34,7 +34,7 @@ def free(**options):
 
 @pytest.fixture
 def remote():
-    return free()
+    return new_remote()
 
 
 @pytest.fixture
@@ -42,8 +42,8 @@ def execute(remote):
     return lambda statement: remote(f'Execute,"{statement}"')
 
 
-def later(remote, command='', seconds=20.0, during=lambda _: None):
-    """Return the answers to a command, and after how many s the last one came."""
+def answers_after(remote, command='', seconds=20.0, during=lambda _: None):
+    """Return the answers to a command, and the time until the last one, s."""
     found = remote.answers(f'${command}\r\n'.encode()) if command else []
     steps = int(seconds / STEP_S)
     for step in range(steps):
@@ -56,7 +56,7 @@ def later(remote, command='', seconds=20.0, during=lambda _: None):
     raise AssertionError(found)
 
 
-# What it takes
+# Statements
 
 
 @pytest.mark.parametrize(
@@ -70,12 +70,12 @@ def later(remote, command='', seconds=20.0, during=lambda _: None):
         ('On 3', '#Execute,0'),
         ('P1 = Here', '#Execute,0'),
         ('', '#Execute,0'),
-        # There may be quotes within, and the last one may end the whole
+        # quotes may occur inside and at the end
         ('print 1;print "RobotPosHere', '#Execute,"1\r\nRobotPosHere"'),
         ('print "a"', '#Execute,"a"'),
     ],
 )
-def test_what_is_executed(remote, statement, answer):
+def test_statement_is_executed(remote, statement, answer):
     remote.connection.receive(f'$Execute,"{statement}"\r\n'.encode())
     assert remote.peer.take().decode() == f'{answer}\r\n'
 
@@ -98,26 +98,26 @@ def test_what_is_executed(remote, statement, answer):
         ('Speed 120', 99),
     ],
 )
-def test_what_is_refused(execute, remote, statement, number):
+def test_invalid_statement_is_refused(execute, remote, statement, number):
     assert execute(statement) == f'!Execute,{number}'
     assert execute('Print 1') == '#Execute,"1"'
 
 
-def test_the_name_comes_back_as_the_client_spells_it(remote):
+def test_answer_repeats_the_spelling_of_the_command(remote):
     assert remote('execute,"print 1"') == '#execute,"1"'
     assert remote('getstatus').startswith('#getstatus,')
     assert remote('eXecute,print 1') == '!eXecute,12'
 
 
-def test_a_point_is_printed_as_on_the_wire(execute):
+def test_point_is_printed_in_fixed_columns(execute):
     """Each coordinate has 12 characters: clients cut the text by columns."""
     text = execute('Print RealPos').removeprefix('#Execute,"')
     assert [text[at : at + 3] for at in range(0, 72, 12)] == [f' {each}:' for each in 'XYZUVW']
     assert float(text[3:12]) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_where_is_shown_in_the_columns_that_clients_read(execute, remote):
-    """X at byte 20, then Y at 36, Z at 52, U at 68; joints and pulses in lines of their own."""
+def test_where_is_printed_in_fixed_columns(execute, remote):
+    """X at byte 20, Y at 36, Z at 52, U at 68. Joints and pulses have separate lines."""
     remote.connection.receive(b'$Execute,"Where"\r\n')
     world, joint, pulse = remote.peer.take().decode().splitlines()
     assert world[10:16] == 'WORLD:'
@@ -129,7 +129,7 @@ def test_where_is_shown_in_the_columns_that_clients_read(execute, remote):
     assert pulse.count('pls') == 6
 
 
-def test_points_stay_and_can_be_changed(execute):
+def test_points_are_stored_and_can_be_changed(execute):
     assert execute('P1 = Here') == execute('P2 = P1 +Z(50)') == '#Execute,0'
     assert execute('Print CZ(P2) - CZ(P1)') == '#Execute,"50"'
 
@@ -156,7 +156,7 @@ def test_motors_power_and_outputs(execute, remote):
     assert execute('MemOn 7; Print MemSw(7), MemIn(0), Oport(9)') == '#Execute,"1 128 0"'
 
 
-def test_print_in_any_condition_is_of_the_simulation(remote):
+def test_sim_print_works_in_any_condition(remote):
     remote.harness.do('E-stop press', 'door open')
     assert remote('Sim,print,EStopOn,SafetyOn,SysErr') == '#Sim,-1 -1 2261'
     assert remote('Execute,"Print EStopOn"') == '!Execute,20'
@@ -170,24 +170,24 @@ def angles(remote):
 
 
 @pytest.mark.parametrize('planner', [None, InlinePlanner()])
-def test_the_answer_comes_when_the_arm_is_there(planner):
-    remote = free(planner=planner)
+def test_answer_is_sent_when_the_arm_has_arrived(planner):
+    remote = new_remote(planner=planner)
     assert remote('Execute,"P1 = Here"') == '#Execute,0'
     before = angles(remote)
-    found, after = later(remote, 'Execute,"Go P1 +Z(50)"')
+    found, after = answers_after(remote, 'Execute,"Go P1 +Z(50)"')
     assert found == ['#Execute,0']
     assert after > 0.2
     assert not remote.controller.in_motion
     assert remote('Execute,"Print CZ(Here) - CZ(P1)"').startswith('#Execute,"50')
-    later(remote, 'Execute,"Move P1"')
+    answers_after(remote, 'Execute,"Move P1"')
     assert angles(remote) == pytest.approx(before, abs=1e-4)
 
 
 @pytest.mark.invariant(2)
-def test_no_limit_is_exceeded_and_the_built_in_program_goes_on_from_there():
-    remote = free()
+def test_inv2_execute_exceeds_no_limit_and_points_may_follow():
+    remote = new_remote()
     speeds = []
-    later(
+    answers_after(
         remote,
         'Execute,"Power High; Speed 100; Accel 100, 100; Move Here +X(10); Go Here +X(-20)"',
         during=lambda _: speeds.append(np.abs(remote.controller.arm.executor.velocity)),
@@ -201,19 +201,19 @@ def test_no_limit_is_exceeded_and_the_built_in_program_goes_on_from_there():
     assert angles(remote)[0] == pytest.approx(there[0] + 0.1, abs=1e-6)
 
 
-def test_the_next_command_may_come_at_once():
-    """Servos lag behind what is commanded: the answer waits for them, as Ready does."""
-    remote = free(profile=SIMULATED)
-    assert later(remote, 'Execute,"Go Here +Z(20)"')[0] == ['#Execute,0']
+def test_next_command_is_accepted_immediately():
+    """Servos lag behind the command. The answer waits for them, like Ready."""
+    remote = new_remote(profile=SIMULATED)
+    assert answers_after(remote, 'Execute,"Go Here +Z(20)"')[0] == ['#Execute,0']
     assert remote('Execute,"Print 1"') == '#Execute,"1"'
 
 
 def test_several_statements_are_one_command(remote):
-    found, _ = later(remote, 'Execute,"Go Here +Z(20);Go Here +Z(-20);Print 7"')
+    found, _ = answers_after(remote, 'Execute,"Go Here +Z(20);Go Here +Z(-20);Print 7"')
     assert found == ['#Execute,"7"']
 
 
-def test_meanwhile_only_what_the_guide_lists_is_accepted(remote):
+def test_only_commands_of_the_guide_are_accepted_in_motion(remote):
     remote.connection.receive(b'$Execute,"Go Here +Z(50)"\r\n')
     assert remote('Execute,"Print 1"') == '!Execute,21'
     assert remote('GetIO,1') == '!GetIO,21'
@@ -221,18 +221,18 @@ def test_meanwhile_only_what_the_guide_lists_is_accepted(remote):
     assert len(remote('Sim,joints').split()) == 6
     assert remote('SetIO,1,1') == '#SetIO,0'
     assert remote('GetStatus').startswith('#GetStatus,')
-    assert later(remote)[0] == ['#Execute,0']
+    assert answers_after(remote)[0] == ['#Execute,0']
     assert remote('GetIO,1') == '#GetIO,0'
 
 
 @pytest.mark.invariant(3)
-def test_abort_brakes_and_ends_the_command(remote):
+def test_inv3_abort_brakes_and_ends_the_command(remote):
     remote.connection.receive(b'$Execute,"Go Here +Z(80)"\r\n')
     for _ in range(50):
         remote.controller.step(STEP_S)
     assert remote.controller.in_motion
     assert remote('Abort') == '#Abort,0'
-    assert later(remote)[0] == ['!Execute,99']
+    assert answers_after(remote)[0] == ['!Execute,99']
     for _ in range(100):
         remote.controller.step(STEP_S)
     assert not remote.controller.in_motion
@@ -241,27 +241,27 @@ def test_abort_brakes_and_ends_the_command(remote):
 
 @pytest.mark.invariant(3, 4)
 @pytest.mark.parametrize('event', ['E-stop press', 'door open', 'motors off', 'stop'])
-def test_what_stops_the_arm_ends_the_command(remote, event):
+def test_inv3_and_4_event_that_stops_the_arm_ends_the_command(remote, event):
     remote.connection.receive(b'$Execute,"Go Here +Z(80);Go Here +Z(-80)"\r\n')
     for _ in range(50):
         remote.controller.step(STEP_S)
     remote.harness.do(event)
-    assert later(remote)[0] == ['!Execute,99']
+    assert answers_after(remote)[0] == ['!Execute,99']
     for _ in range(300):
         remote.controller.step(STEP_S)
-    stands = angles(remote)
+    stopped = angles(remote)
     for back in ('E-stop release', 'door close', 'reset', 'motors on', 'start', 'continue'):
         try:
             remote.harness.do(back)
-        except RejectedError:  # what does not apply after this event
+        except RejectedError:  # not applicable after this event
             continue
     for _ in range(300):
         remote.controller.step(STEP_S)
-    assert angles(remote).tolist() == stands.tolist()
+    assert angles(remote).tolist() == stopped.tolist()
 
 
 @pytest.mark.invariant(1)
-def test_the_client_of_the_motion_port_has_the_arm():
+def test_inv1_motion_client_excludes_execute():
     remote = Remote(Harness(BENT))
     assert remote('Execute,"Go Here +Z(20)"') == '!Execute,20'
     assert remote('Sim,why') == '#Sim,the client of the motion port has the arm'
@@ -269,17 +269,17 @@ def test_the_client_of_the_motion_port_has_the_arm():
 
 
 @pytest.mark.invariant(1)
-def test_a_new_client_of_the_motion_port_ends_the_command(remote):
+def test_inv1_new_motion_client_ends_the_command(remote):
     remote.connection.receive(b'$Execute,"Go Here +Z(80)"\r\n')
     for _ in range(50):
         remote.controller.step(STEP_S)
     remote.harness.connect()
     remote.harness.send(point(0))
     assert [reply.reply_code for reply in remote.harness.replies()] == [2]
-    assert later(remote)[0] == ['!Execute,99']
+    assert answers_after(remote)[0] == ['!Execute,99']
 
 
-def test_a_motion_that_cannot_be_shows_its_number_until_a_reset(remote):
+def test_impossible_motion_shows_its_error_until_reset(remote):
     assert remote('Execute,"Go XY(0, 0, 5000, 0, 0, 0)"') == '!Execute,99'
     assert remote('GetStatus').endswith(',4007')
     assert remote('Execute,"Print 1"') == '!Execute,20'
@@ -287,18 +287,18 @@ def test_a_motion_that_cannot_be_shows_its_number_until_a_reset(remote):
     assert remote('Execute,"Print 1"') == '#Execute,"1"'
 
 
-def test_home(remote):
+def test_home_requires_homeset(remote):
     assert remote('Home,0') == '!Home,99'
     assert remote('Sim,why').startswith('#Sim,error 9993: Home: no home position is defined')
     assert remote('Execute,"HomeSet 0,0,0"') == '!Execute,12'
     assert remote('Execute,"HomeSet 0,0,0,0,0,100000"') == '#Execute,0'
-    assert later(remote, 'Home,0')[0] == ['#Home,0']
+    assert answers_after(remote, 'Home,0')[0] == ['#Home,0']
     assert remote('Execute,"Print Pls(6), AtHome"') == '#Execute,"100000 -1"'
-    assert later(remote, 'Execute,"Pulse 0,0,0,0,0,0"')[0] == ['#Execute,0']
+    assert answers_after(remote, 'Execute,"Pulse 0,0,0,0,0,0"')[0] == ['#Execute,0']
     assert remote('Execute,"HomeSet 999999999,0,0,0,0,0"') == '!Execute,99'
 
 
-def test_a_client_that_is_gone_is_answered_no_more(remote):
+def test_disconnected_client_gets_no_answer(remote):
     remote.connection.receive(b'$Execute,"Go Here +Z(20)"\r\n')
     remote.connection.closed()
     for _ in range(1000):
@@ -308,9 +308,9 @@ def test_a_client_that_is_gone_is_answered_no_more(remote):
     assert again('Execute,"Print 1"') == '#Execute,"1"'
 
 
-def test_a_long_motion_does_not_end_the_session():
-    remote = free()
-    found, after = later(remote, 'Execute,"Go Here +Z(20); Wait 70"', seconds=80.0)
+def test_long_motion_does_not_end_the_session():
+    remote = new_remote()
+    found, after = answers_after(remote, 'Execute,"Go Here +Z(20); Wait 70"', seconds=80.0)
     assert after > 70.0
     assert found == ['#Execute,0']
 
@@ -318,7 +318,7 @@ def test_a_long_motion_does_not_end_the_session():
 # With a program
 
 
-def test_globals_and_points_of_the_program_are_those_of_the_command():
+def test_command_uses_the_globals_and_points_of_the_program():
     source = 'Global Integer g\nFunction main\n  g = 3\n  P5 = XY(1, 2, 3, 4)\nFend'
     harness = SpelProgramHarness(source, start=BENT)
     remote = Remote(harness)
@@ -326,12 +326,12 @@ def test_globals_and_points_of_the_program_are_those_of_the_command():
     assert remote('Execute,"Print g, CY(P5)"') == '#Execute,"3 2"'
     assert remote('Execute,"g = 4; Print g"') == '#Execute,"4"'
     assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
-    found, after = later(remote, 'Execute,"Go Here +Z(20)"')
+    found, after = answers_after(remote, 'Execute,"Go Here +Z(20)"')
     assert found == ['#Execute,0']
     assert after > 0.1
 
 
-def test_beside_a_running_program_nothing_is_executed():
+def test_execute_is_refused_while_a_program_runs():
     source = 'Function main\n  Do\n    Wait 1\n  Loop\nFend'
     remote = Remote(SpelProgramHarness(source))
     remote.controller.step(STEP_S)
@@ -339,5 +339,5 @@ def test_beside_a_running_program_nothing_is_executed():
     assert remote('Sim,why') == '#Sim,the program runs: stop first'
 
 
-def test_profile_defaults_are_what_print_shows(execute):
+def test_print_shows_the_defaults_of_the_profile(execute):
     assert execute('Print Speed, SpeedFactor') == f'#Execute,"{PROFILE.motion.speed * 100:g} 100"'

@@ -107,7 +107,7 @@ def moving():
         ('$Sim,print,Dance(1)', '!Sim,15'),
     ],
 )
-def test_error_numbers(remote, line, answer):
+def test_invalid_command_gets_its_error_number(remote, line, answer):
     assert remote.answers(line.encode() + b'\r\n') == [answer]
     assert remote('Sim,why') != '#Sim,'
     assert remote.controller.condition.motors is Motors.OFF
@@ -115,7 +115,7 @@ def test_error_numbers(remote, line, answer):
 
 
 @pytest.mark.parametrize('robot', ['', ',1', ',0', ', 1'])
-def test_motors_with_and_without_the_robots_number(remote, robot):
+def test_robot_number_of_motor_commands_is_optional(remote, robot):
     assert remote('SetMotorsOn' + robot) == '#SetMotorsOn,0'
     assert remote.controller.condition.motors is Motors.ON
     assert remote('GetMotor,0') == '#GetMotor,1,1,0'
@@ -124,7 +124,7 @@ def test_motors_with_and_without_the_robots_number(remote, robot):
     assert remote('GetMotor,0') == '#GetMotor,1,0,0'
 
 
-def test_estop_and_the_way_back(remote):
+def test_estop_requires_release_and_reset_before_motors_on(remote):
     assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
     assert remote('Sim,estop,press') == '#Sim,0'
     assert remote('GetStatus') == '#GetStatus,00100011001,2261'
@@ -157,7 +157,7 @@ def test_pause_continue_stop_and_start():
     assert remote.controller.condition.tasks is Tasks.RUNNING
 
 
-NEEDS = {
+VIOLATIONS = {
     'Auto': ('mode manual', 'the key switch is at MANUAL: turn it to AUTO first'),
     'Ready': ('pause', 'the tasks are paused: continue, or stop, first'),
     'no EStop': ('E-stop press', 'the E-stop is pressed: release the E-stop, then reset'),
@@ -170,7 +170,7 @@ NEEDS = {
     'tasks run': ('stop', 'the tasks are stopped: there is nothing to pause'),
     'Paused': ('nothing', 'nothing is paused'),
 }
-"""How what a command needs comes to miss, and what is said then."""
+"""Event that violates each requirement, and the text of the rejection."""
 
 PARAMETERS = {
     'Start': ',0',
@@ -185,16 +185,16 @@ PARAMETERS = {
     ('name', 'need'),
     [(name, need.text) for name in COMMANDS for need in COMMANDS[name].requirements],
 )
-def test_what_a_command_needs(name, need, monkeypatch):
+def test_unmet_requirement_refuses_the_command(name, need, monkeypatch):
     remote = Remote()
-    what, sentence = NEEDS[need]
-    if what == 'refused':
+    event, sentence = VIOLATIONS[need]
+    if event == 'refused':
         remote.harness.send(point(0, FAR))
         assert remote.controller.error_number == 4031
-    elif what == 'spel':
+    elif event == 'spel':
         monkeypatch.setattr(type(remote.controller.program), 'runs', True)
-    elif what != 'nothing':
-        remote.harness.do(what)
+    elif event != 'nothing':
+        remote.harness.do(event)
     before = remote.controller.condition
     assert remote(name + PARAMETERS.get(name, '')) == f'!{name},20'
     assert remote.controller.condition == before
@@ -203,7 +203,7 @@ def test_what_a_command_needs(name, need, monkeypatch):
 
 
 @pytest.mark.parametrize('name', [name for name in COMMANDS if COMMANDS[name].requirements])
-def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
+def test_commands_that_require_ready_are_refused_in_motion(name):
     remote = moving()
     answer = remote(name + PARAMETERS.get(name, ''))
     needs = [need.text for need in COMMANDS[name].requirements]
@@ -217,8 +217,8 @@ def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
         assert answer == f'#{name},0'
 
 
-def test_the_manuals_acceptance_conditions():
-    """RC+ user's guide, Remote Ethernet; built-in programs take SetMotorsOff in motion too."""
+def test_requirements_match_the_manual():
+    """RC+ user's guide, Remote Ethernet. Built-in programs accept SetMotorsOff in motion."""
     needs = {
         name: ' '.join(need.text for need in COMMANDS[name].requirements) for name in COMMANDS
     }
@@ -252,7 +252,7 @@ def test_io_bits_bytes_and_words(remote):
     assert remote('GetIOByte,0') == '#GetIOByte,08'
     assert remote('GetIOByte,2') == '#GetIOByte,02'
     assert remote('GetIOWord,0') == '#GetIOWord,0008'
-    assert remote('GetIOWord,1') == '#GetIOWord,0002'  # only eight of its bits are there
+    assert remote('GetIOWord,1') == '#GetIOWord,0002'  # only eight of its bits exist
 
 
 def test_memory_io(remote):
@@ -266,7 +266,7 @@ def test_memory_io(remote):
     assert remote('GetIO,0') == '#GetIO,0'
 
 
-def test_what_epsons_client_for_node_red_asks(remote):
+def test_commands_of_epsons_node_red_client(remote):
     answers = {
         'GetContName': '0',
         'GetContNo': 'simulated',
@@ -289,8 +289,8 @@ def test_what_epsons_client_for_node_red_asks(remote):
         assert remote(command) == f'#{command.partition(",")[0]},{value}'
 
 
-def test_what_the_python_package_epsonrc_sends(remote):
-    """Its `begin()`, line by line, with its own defaults; test_execute.py has it move the arm."""
+def test_commands_of_the_python_package_epsonrc(remote):
+    """The lines that its `begin()` sends. Motion is tested in test_execute.py."""
     statements = (
         'Speed 50',
         'SpeedS 1000',
@@ -309,10 +309,10 @@ def test_what_the_python_package_epsonrc_sends(remote):
     assert remote.controller.arm.executor.speed == pytest.approx(0.25)
     assert remote.controller.arm.executor.accel == pytest.approx(0.6)
     assert remote.controller.condition.power is Power.LOW
-    assert remote('Execute,"If Error On Then Reset"') == '!Execute,12'  # not in the window: p937
+    assert remote('Execute,"If Error On Then Reset"') == '!Execute,12'  # p937
 
 
-def test_status_flags_while_it_moves_and_with_an_error():
+def test_status_flags_in_motion_and_with_an_error():
     remote = moving()
     assert remote('GetStatus') == '#GetStatus,00100000010,0000'
     remote.harness.send(point(9))
@@ -320,10 +320,10 @@ def test_status_flags_while_it_moves_and_with_an_error():
     assert remote('GetStatus') == '#GetStatus,00100001001,8000'
 
 
-# ---- what the simulation adds
+# ---- commands of the simulation
 
 
-def test_the_door_the_key_and_the_power(remote):
+def test_sim_commands_of_door_key_switch_and_power(remote):
     assert remote('Sim,power,high') == '!Sim,20'  # the motors are off
     assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
     assert remote('Sim,power,high') == '#Sim,0'
@@ -342,7 +342,7 @@ def test_the_door_the_key_and_the_power(remote):
     assert remote('Continue') == '#Continue,0'
 
 
-def test_points_are_listed_read_and_set(remote):
+def test_io_points_are_listed_read_and_set(remote):
     assert remote('Sim,io') == '#Sim,DI=24:;DO=16:;AI=2:0 0;AO=2:0 0;flag=512:'
     assert remote('Sim,io,di,3,1') == '#Sim,0'
     assert remote('Sim,io,DO,0,1') == '#Sim,0'
@@ -355,13 +355,13 @@ def test_points_are_listed_read_and_set(remote):
     assert 'must be -10000 to 10000 mV' in remote('Sim,why')
 
 
-def test_somebody_leans_on_the_arm(remote):
+def test_sim_disturb_moves_a_joint(remote):
     assert remote('Sim,disturb,2,-1.5') == '#Sim,0'
     assert remote('Sim,joints').startswith('#Sim,0.00000 -1.50000 0.00000 ')
     assert remote('Sim,disturb,3,300') == '!Sim,20'
 
 
-def test_tasks_with_type_and_state(remote):
+def test_sim_tasks_lists_type_and_state(remote):
     assert remote('Sim,tasks') == (
         '#Sim,1=motion server,Normal,runs;2=state server,NoEmgAbort,runs;3=I/O server,Normal,runs'
     )
@@ -371,7 +371,7 @@ def test_tasks_with_type_and_state(remote):
     )
 
 
-def test_what_came_too_late_can_be_asked_for(remote):
+def test_sim_timing_returns_the_counters(remote):
     assert remote('Sim,timing') == '#Sim,0,0,0,0'
     timing = remote.controller.timing
     timing.deadline_misses, timing.late_plans, timing.planner_failures = 7, 2, 1
@@ -379,12 +379,12 @@ def test_what_came_too_late_can_be_asked_for(remote):
     assert remote('Sim,timing') == '#Sim,7,2,1,3'
 
 
-def test_it_says_what_it_is(remote):
+def test_sim_identity_names_controller_and_robot(remote):
     assert remote('Sim,identity') == '#Sim,controller=simulated;robot=c3_a601s'
     assert remote('Sim,identity,1') == '!Sim,12'
 
 
-def test_faults_begin_are_listed_and_cleared(remote):
+def test_faults_are_started_listed_and_cleared(remote):
     assert remote('Sim,fault') == '#Sim,'
     assert remote('Sim,fault,delay,seconds=0.2,port=state') == '#Sim,0'
     assert remote('Sim,fault,lost_reply') == '#Sim,0'
@@ -397,7 +397,7 @@ def test_faults_begin_are_listed_and_cleared(remote):
     assert remote('Sim,fault,list') == '#Sim,'
 
 
-def test_a_reboot_is_answered_before_it_closes_the_connection():
+def test_reboot_is_answered_before_the_connection_closes():
     remote = moving()
     assert remote('Sim,reboot,2') == '#Sim,0'
     remote.harness.step(0.2)
@@ -415,7 +415,7 @@ def test_a_reboot_is_answered_before_it_closes_the_connection():
 @pytest.mark.invariant(7)
 @settings(max_examples=examples(200))
 @given(st.lists(st.binary(max_size=300), max_size=5))
-def test_invariant_7_any_bytes(pieces):
+def test_inv7_any_bytes_get_valid_answers(pieces):
     remote = Remote()
     for piece in pieces:
         for answer in remote.answers(piece):
@@ -434,7 +434,7 @@ WORDS = st.sampled_from(
     st.sampled_from([*COMMANDS, *(f'Sim,{name}' for name in SIM_COMMANDS)]),
     st.lists(WORDS, max_size=4),
 )
-def test_invariant_1_no_line_moves_the_arm(name, parameters):
+def test_inv1_no_command_moves_the_arm(name, parameters):
     remote = Remote()
     assert remote('SetMotorsOn') == '#SetMotorsOn,0'
     answer = remote(','.join([name, *parameters]))
@@ -447,7 +447,7 @@ def test_invariant_1_no_line_moves_the_arm(name, parameters):
     ('name', 'number'),
     [('c8_c901s', 5), ('t6_602s', 3), ('gx8_c652sr', 3), ('rs6_c552s', 6), ('n2_a450s', 7)],
 )
-def test_remote_ethernet_and_spel_have_the_same_number(name: str, number: int) -> None:
+def test_remote_ethernet_and_spel_return_the_same_robot_type(name: str, number: int) -> None:
     model = load_robot_model(name)
     start = np.zeros(len(model.joint_names))
     controller = new_controller(model, load_controller_profile('rc700a'), start)
@@ -456,7 +456,7 @@ def test_remote_ethernet_and_spel_have_the_same_number(name: str, number: int) -
     assert remote('Sim,print,RobotType') == f'#Sim,{number}'
 
 
-def test_the_number_is_that_of_the_series() -> None:
+def test_robot_type_follows_from_the_series() -> None:
     series = {'rs3': 6, 'rs4': 6, 'rs6': 6, 'n2': 7}
     for name in robot_models():
         model = load_robot_model(name)

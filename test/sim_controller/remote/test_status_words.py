@@ -131,7 +131,7 @@ WORDS = {
 }
 
 
-def test_the_flags_are_in_the_order_of_the_manual():
+def test_flags_are_in_the_order_of_the_manual():
     assert ' '.join(status_words.FLAGS) == (
         'Test Teach Auto Warning SError Safeguard EStop Error Paused Running Ready'
     )
@@ -146,14 +146,14 @@ def test_every_bit_is_tested(name):
 @pytest.mark.parametrize(
     ('name', 'bit'), [(name, bit) for name, (_, expected) in WORDS.items() for bit in expected]
 )
-def test_a_bit_is_set_when_it_should_be(name, bit):
+def test_bit_is_set_in_the_expected_conditions_only(name, bit):
     table, expected = WORDS[name]
     yes, no = expected[bit]
     assert [table[bit](each) for each in yes] == [True] * len(yes)
     assert [table[bit](each) for each in no] == [False] * len(no)
 
 
-def test_a_word_is_the_sum_of_its_bits():
+def test_word_is_the_sum_of_its_bits():
     assert status_words.word(status_words.CTRL_INFO_1, IDLE) == 0x1
     assert status_words.word(status_words.CTRL_INFO_1, PRESSED) == 0x1 | 0x100 | 0x400
     assert status_words.word(status_words.CTRL_INFO_1, DOOR_OPEN) == 0x4 | 0x200
@@ -163,7 +163,7 @@ def test_a_word_is_the_sum_of_its_bits():
     assert status_words.flags(MANUAL) == '01000000001'
 
 
-def test_words_of_a_controller_that_moves_pauses_and_recovers():
+def test_status_words_through_motion_pause_door_and_estop():
     harness = Harness()
 
     def words():
@@ -186,7 +186,7 @@ def test_words_of_a_controller_that_moves_pauses_and_recovers():
     harness.do('door close')
     assert words() == (('0x2004', '0x600', '0x0'), '00100000100,0000')
     harness.do('continue')
-    assert words()[0][0] in ('0x4002', '0x2')  # it may be there already
+    assert words()[0][0] in ('0x4002', '0x2')  # it may have arrived already
     harness.do('E-stop press')
     harness.rest()
     assert words() == (('0x501', '0x102', '0x0'), '00100011001,2261')
