@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the kinds of controllers do each in its way: a lost client, blending, time, the state."""
+"""Special behaviour of the profiles: lost client, blending, time, state messages."""
 
 import struct
 from dataclasses import replace
@@ -58,7 +58,7 @@ def results(harness):
 
 
 def moving_motoman(smooth=True):
-    """Return a Motoman that moves at 0.5 rad/s, with all the points that it takes."""
+    """Return a Motoman that moves at 0.5 rad/s, and its last accepted point."""
     harness = new_harness('motoman', smooth)
     harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
     accepted = 0
@@ -80,22 +80,22 @@ def status(harness):
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('smooth', [True, False])
-def test_invariant_4_a_motoman_keeps_queue_mode_and_servos_and_moves_when_a_client_comes(smooth):
+def test_inv4_motoman_continues_its_queue_for_the_next_client(smooth):
     harness, accepted = moving_motoman(smooth)
     harness.disconnect()
     harness.step(2.0)
-    stood = harness.joints[0]
-    assert stood < 0.6
+    stopped = harness.joints[0]
+    assert stopped < 0.6
     assert harness.condition.motors is Motors.ON
     assert (status(harness).drives_powered, status(harness).motion_possible) == (1, 1)
-    assert status(harness).in_motion == 1  # there is something in its queue
+    assert status(harness).in_motion == 1  # its queue is not empty
     harness.step(5.0)
-    assert harness.joints[0] == stood
+    assert harness.joints[0] == stopped
 
-    harness.connect()  # nothing is sent, and it moves
+    harness.connect()  # it moves without any message
     harness.step(3.0)
     reached = harness.joints[0]
-    assert reached > stood + 0.05
+    assert reached > stopped + 0.05
     assert reached <= 0.05 * accepted + 1e-6
     assert status(harness).in_motion == 0
     harness.send(command(CHECK_MOTION_READY))
@@ -103,50 +103,50 @@ def test_invariant_4_a_motoman_keeps_queue_mode_and_servos_and_moves_when_a_clie
 
 
 @pytest.mark.invariant(3, 4)
-def test_invariant_4_stop_motion_as_the_first_word_empties_a_motomans_queue():
+def test_inv4_stop_motion_of_the_next_client_empties_the_queue():
     harness, _ = moving_motoman()
     harness.disconnect()
     harness.step(1.0)
-    stood = harness.joints[0]
+    stopped = harness.joints[0]
     harness.connect()
     harness.send(command(STOP_MOTION))
     assert results(harness) == [(STOP_MOTION, 0, 0)]
     harness.step(3.0)
-    assert harness.joints[0] == pytest.approx(stood, abs=1e-9)
+    assert harness.joints[0] == pytest.approx(stopped, abs=1e-9)
     assert status(harness).in_motion == 0
 
 
-def test_what_a_motoman_keeps_is_lost_when_its_servos_go_off():
+def test_servos_off_empties_the_queue_of_a_motoman():
     for event in ('motors off', 'E-stop press'):
         harness, _ = moving_motoman()
         harness.disconnect()
         harness.step(1.0)
-        stood = harness.joints[0]
+        stopped = harness.joints[0]
         harness.do(event)
         harness.connect()
         harness.step(2.0)
-        assert harness.joints[0] == stood
+        assert harness.joints[0] == stopped
         assert status(harness).in_motion == 0
 
 
-def test_continuing_after_a_pause_does_not_move_a_motoman_without_a_client():
+def test_continue_does_not_move_a_motoman_without_a_client():
     harness, _ = moving_motoman()
     harness.disconnect()
     harness.step(1.0)
-    stood = harness.joints[0]
+    stopped = harness.joints[0]
     harness.do('pause', 'continue')
     harness.step(2.0)
-    assert harness.joints[0] == stood
+    assert harness.joints[0] == stopped
     harness.do('pause')
     harness.connect()
     harness.step(2.0)
-    assert harness.joints[0] == stood  # it has a client, but is paused
+    assert harness.joints[0] == stopped  # it has a client, but is paused
     harness.do('continue')
     harness.step(2.0)
-    assert harness.joints[0] > stood
+    assert harness.joints[0] > stopped
 
 
-def test_a_motoman_takes_less_than_a_second_ahead_and_then_is_busy():
+def test_motoman_is_busy_with_a_second_of_points_ahead():
     harness = new_harness('motoman')
     harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
     results(harness)
@@ -157,32 +157,32 @@ def test_a_motoman_takes_less_than_a_second_ahead_and_then_is_busy():
         if answers[-1] != 0:
             break
     assert answers[-1] == 1  # BUSY
-    assert 8 <= len(answers) - 1 <= 10  # 0.8 s, the one being entered and the one that waits
+    assert 8 <= len(answers) - 1 <= 10  # 0.8 s, the current point and the waiting one
 
 
 @pytest.mark.parametrize('smooth', [False, True])
-def test_a_motoman_is_at_a_point_at_its_time(smooth):
+def test_motoman_reaches_a_point_at_its_time(smooth):
     harness = new_harness('motoman', smooth)
     harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
     harness.send(motoman_point(1, (0.05,), 2.0))
     assert harness.rest() == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_motomans_status_tells_what_check_motion_ready_answers_and_alarms_only():
+def test_motoman_status_shows_readiness_and_alarms_only():
     harness = new_harness('motoman')
     assert (status(harness).drives_powered, status(harness).motion_possible) == (1, 0)
     harness.send(command(START_TRAJ_MODE))
     assert status(harness).motion_possible == 1
     harness.do('E-stop press')
-    told = status(harness)
-    assert (told.e_stopped, told.in_error, told.error_code) == (1, 0, 0)
-    assert (told.drives_powered, told.motion_possible) == (0, 0)
+    state = status(harness)
+    assert (state.e_stopped, state.in_error, state.error_code) == (1, 0, 0)
+    assert (state.drives_powered, state.motion_possible) == (0, 0)
     harness.do('E-stop release', 'reset')
     harness.controller.raise_error(ErrorNumber.SERVO_ERROR)
     assert status(harness).in_error == 1
 
 
-def test_a_motomans_feedback_has_position_and_velocity_but_no_time():
+def test_motoman_feedback_has_no_time():
     harness = new_harness('motoman')
     state = Peer()
     harness.controller.connect('state', state)
@@ -192,7 +192,7 @@ def test_a_motomans_feedback_has_position_and_velocity_but_no_time():
     assert struct.unpack_from('<2if', frames[0][3]) == (0, 6, 0.0)
 
 
-def test_a_fanuc_sends_its_joints_every_24_ms_and_a_status_as_every_twelfth_message():
+def test_fanuc_sends_joints_every_24_ms_and_status_every_twelfth():
     harness = new_harness('fanuc')
     state = Peer()
     harness.controller.connect('state', state)
@@ -202,7 +202,7 @@ def test_a_fanuc_sends_its_joints_every_24_ms_and_a_status_as_every_twelfth_mess
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('smooth', [True, False])
-def test_invariant_4_a_fanuc_without_its_client_goes_to_the_points_it_acknowledged(smooth):
+def test_inv4_fanuc_executes_acknowledged_points_of_a_lost_client(smooth):
     harness = new_harness('fanuc', smooth)
     harness.send(*(point(index, np.multiply(THERE, 0.1 * index)) for index in range(11)))
     harness.step(0.3)
@@ -214,14 +214,14 @@ def test_invariant_4_a_fanuc_without_its_client_goes_to_the_points_it_acknowledg
     assert harness.condition.motors is Motors.ON
     harness.connect()
     harness.step(1.0)
-    assert harness.codes() == []  # the new client hears nothing of the old one's points
+    assert harness.codes() == []  # no replies to points of the old client
     harness.send(point(0, THERE))
     harness.rest()
     assert harness.codes() == [(0, SUCCESS)]
 
 
 @pytest.mark.invariant(3, 4)
-def test_invariant_3_a_stop_of_the_next_client_brakes_what_a_fanuc_finishes():
+def test_inv3_stop_of_the_next_client_brakes_a_fanuc():
     harness = new_harness('fanuc')
     harness.send(point(0, THERE))
     harness.step(0.2)
@@ -235,7 +235,7 @@ def test_invariant_3_a_stop_of_the_next_client_brakes_what_a_fanuc_finishes():
 
 
 @pytest.mark.parametrize('smooth', [True, False])
-def test_a_fanuc_does_not_rest_at_the_points_on_its_way(smooth):
+def test_fanuc_does_not_stop_at_intermediate_points(smooth):
     harness = new_harness('fanuc', smooth)
     harness.send(*(point(index, np.multiply(THERE, 0.1 * index)) for index in range(11)))
     trace = harness.run()
@@ -245,7 +245,7 @@ def test_a_fanuc_does_not_rest_at_the_points_on_its_way(smooth):
     assert harness.joints == pytest.approx(THERE, abs=1e-6)
 
 
-def test_a_fanuc_closes_the_connection_after_its_late_failure_and_finishes():
+def test_fanuc_closes_the_connection_after_a_late_failure():
     harness = new_harness('fanuc')
     harness.send(point(0, THERE), point(1, (9.0,)))
     assert harness.codes() == [(0, SUCCESS), (1, SUCCESS), (1, FAILURE)]
@@ -257,7 +257,7 @@ def test_a_fanuc_closes_the_connection_after_its_late_failure_and_finishes():
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('complete', [True, False])
-def test_invariant_4_an_abb_without_its_client_executes_a_complete_download_only(complete):
+def test_inv4_abb_executes_only_complete_downloads_of_a_lost_client(complete):
     harness = new_harness('abb')
     harness.send(point(-1, (), 0.0, 0.1, comm_type=1))
     harness.send(
@@ -272,7 +272,7 @@ def test_invariant_4_an_abb_without_its_client_executes_a_complete_download_only
     assert harness.condition.motors is Motors.ON
 
 
-def test_an_abb_does_not_wait_where_it_is_already():
+def test_abb_does_not_wait_at_its_current_position():
     harness = new_harness('abb')
     harness.send(point(-1, (), 0.0, 10.0, comm_type=1), point(-3, THERE, 0.0, 1.0, comm_type=1))
     assert harness.rest() < 2.0
@@ -280,7 +280,7 @@ def test_an_abb_does_not_wait_where_it_is_already():
 
 
 @pytest.mark.invariant(2)
-def test_invariant_2_an_abbs_point_to_point_move_takes_as_long_as_its_point_says():
+def test_inv2_ptp_move_of_an_abb_takes_its_duration():
     harness = new_harness('abb', smooth=False)
     plan = np.outer(0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 12)), THERE)
     period = 0.25
@@ -295,14 +295,13 @@ def test_invariant_2_an_abbs_point_to_point_move_takes_as_long_as_its_point_says
         differences = np.abs(np.diff(trace, order, axis=0)) / dt**order
         assert np.all(differences <= limit * 1.001 + 2e-7 / dt**order)  # float32
     moves = np.max(np.abs(np.diff(trace, axis=0)), axis=1)
-    assert np.min(moves[50:-50]) > 1e-6  # it blends still
+    assert np.min(moves[50:-50]) > 1e-6  # it still blends
 
 
-@pytest.mark.parametrize('name', ['simulated', 'motoman'])
 @pytest.mark.parametrize('size', [0, 40, 44, 52])
-def test_a_ping_with_what_a_message_object_had_in_it_before_is_answered(name, size):
-    """So the C++ library sends it when a program uses the object of a JOINT_POSITION again."""
-    harness = new_harness(name)
+def test_ping_with_a_leftover_body_is_answered(size):
+    """The C++ library sends one when it reuses the object of another message."""
+    harness = new_harness('motoman')
     harness.send(frame(1, 2, 0, b'\x01' * size))
     body = bytes(size if size == 40 else 0)
     assert harness.peer.take() == frame(1, 3, SUCCESS, body)

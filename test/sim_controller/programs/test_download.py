@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Downloads: a trajectory that comes as a whole, and only then moves the arm."""
+"""Downloads of the built-in program beyond test_motion_rules.py: dead time and buffer."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ DOWNLOAD = profile('simulated').download
 
 
 def trajectory(number, comm_type=TOPIC, joints=THERE):
-    """Return the messages of `number` ≥ 2 points on the way to `joints`."""
+    """Return the messages of a download of `number` ≥ 2 points to `joints`."""
     sequences = [FIRST, *range(1, number - 1), LAST]
     return [
         point(sequence, [q * (at + 1) / number for q in joints], comm_type)
@@ -38,7 +38,7 @@ def new_harness(name='simulated', buffer=1000, overflow='refuse', dead_time=0.0,
     return ProgramHarness(name, download=download, **changes)
 
 
-def test_requests_are_answered_when_the_program_is_done_with_them():
+def test_requests_are_answered_after_their_dead_time():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(3, REQUEST))
     seen = []
@@ -51,7 +51,7 @@ def test_requests_are_answered_when_the_program_is_done_with_them():
 
 
 @pytest.mark.parametrize('number', [2, 11, 100])
-def test_n_points_cost_n_dead_times_before_the_arm_moves(number):
+def test_motion_starts_after_n_dead_times(number):
     harness = new_harness(dead_time=0.0115)
     harness.send(*trajectory(number))
     harness.step(number * 0.0115 - 0.001, 0.001)
@@ -60,7 +60,7 @@ def test_n_points_cost_n_dead_times_before_the_arm_moves(number):
     assert harness.arm.moving
 
 
-def test_the_dead_time_counts_from_when_each_point_has_come():
+def test_dead_time_starts_when_a_point_arrives():
     harness = new_harness(dead_time=0.01)
     first, middle, last = trajectory(3)
     harness.send(first, middle)
@@ -72,7 +72,7 @@ def test_the_dead_time_counts_from_when_each_point_has_come():
     assert harness.arm.moving
 
 
-def test_the_measured_dead_time_is_that_of_the_rc620():
+def test_default_dead_time_is_the_measured_one():
     assert 0.011 <= DOWNLOAD.dead_time <= 0.012
     harness = ProgramHarness()
     harness.send(*trajectory(11))
@@ -82,7 +82,7 @@ def test_the_measured_dead_time_is_that_of_the_rc620():
     assert harness.arm.moving
 
 
-def test_a_stop_ends_the_dead_time_too():
+def test_stop_ends_the_dead_time():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(50), point(STOP), *trajectory(2))
     harness.step(0.21, 0.001)
@@ -92,14 +92,14 @@ def test_a_stop_ends_the_dead_time_too():
 # ---- the buffer
 
 
-def test_a_download_that_fills_the_buffer_is_executed():
+def test_download_that_fills_the_buffer_is_executed():
     harness = new_harness(buffer=5)
     harness.send(*trajectory(5))
     harness.rest()
     assert harness.joints == rounded(THERE)
 
 
-def test_a_longer_one_is_refused_as_a_whole_and_says_so():
+def test_longer_download_is_refused_as_a_whole():
     harness = new_harness(buffer=5)
     harness.send(*trajectory(6))
     assert harness.error == 8000
@@ -107,7 +107,7 @@ def test_a_longer_one_is_refused_as_a_whole_and_says_so():
     assert (harness.joints, harness.events, harness.take_sent()) == (list(HOME), [], b'')
 
 
-def test_or_the_points_beyond_the_buffer_are_lost(caplog):
+def test_points_beyond_the_buffer_are_lost(caplog):
     harness = new_harness(buffer=5, overflow='drop')
     harness.send(*trajectory(8))
     harness.rest()
@@ -115,16 +115,16 @@ def test_or_the_points_beyond_the_buffer_are_lost(caplog):
     assert harness.joints == pytest.approx([q * 5 / 8 for q in THERE])
     assert '3 points of a download are lost' in caplog.text
     caplog.clear()
-    harness.send(*trajectory(4))  # all of the next one
+    harness.send(*trajectory(4))  # the complete next download
     harness.rest()
     assert 'lost' not in caplog.text
     assert harness.joints == rounded(THERE)
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_downloads_on_downloads_are_limited():
+def test_inv7_waiting_downloads_are_limited():
     harness = new_harness(buffer=10, pending_limit=15)
-    harness.send(*trajectory(10), *trajectory(10))  # one point of the first is with the arm
+    harness.send(*trajectory(10), *trajectory(10))  # the arm has one point of the first
     assert harness.error == 8000
     harness.rest()
     assert harness.joints[0] < 0.01
@@ -136,7 +136,7 @@ def test_invariant_7_downloads_on_downloads_are_limited():
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_a_download_without_an_end_is_limited():
+def test_inv7_download_without_an_end_is_limited():
     harness = new_harness(buffer=10, overflow='drop')
     harness.send(point(FIRST, HOME, TOPIC), *[point(1, THERE, TOPIC)] * 1000)
     assert harness.program.downloaded == 10
@@ -145,7 +145,7 @@ def test_invariant_7_a_download_without_an_end_is_limited():
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_requests_in_a_pause_are_limited():
+def test_inv7_requests_in_a_pause_are_limited():
     harness = new_harness(pending_limit=10)
     harness.program.pause()
     harness.send(*[point(FIRST, THERE, REQUEST)] * 11)
@@ -153,7 +153,7 @@ def test_invariant_7_requests_in_a_pause_are_limited():
     assert harness.error == 8000
 
 
-def test_two_downloads_are_gone_through_one_after_the_other():
+def test_two_downloads_are_executed_in_order():
     harness = new_harness()
     harness.send(*trajectory(3), *trajectory(3, joints=[-q for q in THERE]))
     harness.rest()
@@ -162,7 +162,7 @@ def test_two_downloads_are_gone_through_one_after_the_other():
 
 
 @pytest.mark.invariant(1)
-def test_invariant_1_a_lost_client_ends_a_download():
+def test_inv1_lost_client_ends_a_download():
     for number in (3, 5):
         harness = new_harness(dead_time=0.1)
         harness.send(*trajectory(5)[:number])
@@ -174,7 +174,7 @@ def test_invariant_1_a_lost_client_ends_a_download():
         assert harness.joints == list(HOME)
 
 
-def test_an_abort_drops_the_rest_of_a_download_without_a_word():
+def test_abort_drops_the_rest_of_a_download_silently():
     harness = new_harness()
     messages = trajectory(6)
     harness.send(*messages[:3])
@@ -185,7 +185,7 @@ def test_an_abort_drops_the_rest_of_a_download_without_a_word():
 
 
 @pytest.mark.parametrize('sequence', [1, 0, LAST, -2, -5])
-def test_a_topic_that_belongs_to_no_download_is_refused(sequence):
+def test_topic_outside_a_download_ends_the_motion(sequence):
     harness = new_harness()
     harness.send(point(0, THERE))
     harness.step(0.1)
@@ -196,7 +196,7 @@ def test_a_topic_that_belongs_to_no_download_is_refused(sequence):
     assert harness.joints[0] < 0.3
 
 
-def test_a_corrupt_message_ends_a_download():
+def test_corrupt_message_ends_a_download():
     harness = new_harness()
     messages = trajectory(5)
     harness.send(*messages[:3], frame(11, TOPIC), *messages[3:])
@@ -205,10 +205,10 @@ def test_a_corrupt_message_ends_a_download():
     assert harness.error == 8000
 
 
-# ---- beside streaming
+# ---- together with streaming
 
 
-def test_a_streamed_point_ends_a_download_of_topics():
+def test_streamed_point_ends_a_download_of_topics():
     harness = new_harness()
     harness.send(*trajectory(5)[:3], point(0, HOME), point(LAST, THERE, TOPIC))
     assert harness.codes() == [(0, SUCCESS)]
@@ -216,7 +216,7 @@ def test_a_streamed_point_ends_a_download_of_topics():
     assert harness.joints == list(HOME)
 
 
-def test_streamed_points_before_a_download_are_reached_first():
+def test_streamed_points_before_a_download_are_executed_first():
     harness = new_harness()
     harness.send(point(0, [-0.2]), *trajectory(3), point(0, HOME))
     harness.rest()
@@ -225,7 +225,7 @@ def test_streamed_points_before_a_download_are_reached_first():
     assert harness.joints == list(HOME)
 
 
-def test_a_download_ends_a_streamed_trajectory():
+def test_download_ends_a_streamed_trajectory():
     harness = new_harness()
     harness.send(point(0), *trajectory(3))
     harness.rest()
@@ -239,7 +239,7 @@ def test_a_download_ends_a_streamed_trajectory():
     'behind',
     [trajectory(3)[:1], trajectory(3), [*trajectory(3), point(0), point(1)]],
 )
-def test_after_an_abort_with_a_download_a_new_trajectory_must_begin(behind):
+def test_abort_of_a_download_requires_a_new_trajectory(behind):
     harness = new_harness()
     harness.send(*[point(sequence) for sequence in range(5)], point(5, THERE), *behind)
     harness.program.abort()
@@ -249,7 +249,7 @@ def test_after_an_abort_with_a_download_a_new_trajectory_must_begin(behind):
     assert harness.codes() == [(5, FAILURE)]
 
 
-def test_requests_of_a_download_are_answered_while_the_arm_brakes():
+def test_download_requests_are_answered_during_braking():
     harness = new_harness()
     harness.send(point(0, THERE))
     harness.step(0.1)
@@ -260,7 +260,7 @@ def test_requests_of_a_download_are_answered_while_the_arm_brakes():
     assert harness.joints == list(HOME)
 
 
-def test_a_refused_point_while_a_download_is_executed_ends_it():
+def test_refused_point_ends_the_execution_of_a_download():
     harness = new_harness()
     harness.send(*trajectory(5))
     harness.step(0.2)
@@ -272,7 +272,7 @@ def test_a_refused_point_while_a_download_is_executed_ends_it():
     assert harness.codes() == [(2, FAILURE)]
 
 
-def test_a_pause_holds_a_download_back():
+def test_pause_delays_a_download():
     harness = new_harness(dead_time=0.01)
     harness.send(*trajectory(3))
     harness.pause()
@@ -283,7 +283,7 @@ def test_a_pause_holds_a_download_back():
     assert harness.joints == rounded(THERE)
 
 
-def test_an_unchecked_point_outside_the_limits_ends_a_download_at_its_turn():
+def test_unchecked_point_outside_the_limits_ends_a_download_late():
     harness = new_harness(check_limits=False)
     messages = trajectory(4)
     messages[2] = point(2, OUTSIDE, TOPIC)
@@ -293,7 +293,7 @@ def test_an_unchecked_point_outside_the_limits_ends_a_download_at_its_turn():
     assert harness.error == 4001
 
 
-def test_abb_keeps_a_hundred_points():
+def test_abb_buffers_100_points():
     harness = ProgramHarness('abb')
     harness.send(*trajectory(150))
     harness.rest()

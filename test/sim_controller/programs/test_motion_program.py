@@ -27,7 +27,7 @@ SILENCE = frame(1, 3, FAILURE)
 @pytest.mark.parametrize(
     ('velocity', 'fraction'), [(0.0, 0.5), (0.1, 0.1), (0.5, 0.5), (1.0, 0.5), (0.001, 0.001)]
 )
-def test_arm_keeps_to_speed_and_to_the_velocity_of_a_point(velocity, fraction):
+def test_speed_is_limited_by_profile_and_point(velocity, fraction):
     harness = Harness()
     harness.send(point(0, (2.0, 0, 0, 0, 0, 0), velocity))
     fastest, before = 0.0, harness.joints
