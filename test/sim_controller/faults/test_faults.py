@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The table of faults, their text, when they begin and end, and those of the controller itself."""
+"""The table of faults, their notation and timing, and the faults of the controller itself."""
 
 import re
 from pathlib import Path
@@ -31,15 +31,15 @@ def harness():
 
 
 def calls(harness):
-    """Return what the controller was told since the last time, without the times."""
+    """Return the controller's calls since the last time, without their times."""
     taken, harness.actions.calls = [call[1:] for call in harness.actions.calls], []
     return taken
 
 
-# Faults of the controller itself; those of connections are tested in test_faulty_transport.py.
+# Faults of the controller. Faults of connections: test_faulty_transport.py.
 
 
-def test_frozen_encoder_of_one_joint_for_a_time(harness):
+def test_frozen_encoder_ends_after_its_time(harness):
     harness.start('frozen_encoder:joint=3,for=2')
     assert harness.actions.frozen == {2}
     harness.wait(1.9)
@@ -49,7 +49,7 @@ def test_frozen_encoder_of_one_joint_for_a_time(harness):
     assert harness.faults.active() == []
 
 
-def test_frozen_encoder_of_several_and_of_all_joints(harness):
+def test_frozen_encoder_of_several_or_all_joints(harness):
     harness.start('frozen_encoder 1')
     harness.start('frozen_encoder 6 after=1')
     assert harness.actions.frozen == {0}
@@ -71,7 +71,7 @@ def test_frozen_encoder_of_several_and_of_all_joints(harness):
         ('servo_error joint=2 critical=yes', ('servo_error', 1, True)),
     ],
 )
-def test_servo_error_happens_once(harness, text, expected):
+def test_servo_error_occurs_once(harness, text, expected):
     harness.start(text)
     assert calls(harness) == [expected]
     assert harness.faults.active() == []
@@ -80,7 +80,7 @@ def test_servo_error_happens_once(harness, text, expected):
     assert calls(harness) == []
 
 
-def test_servo_error_later(harness):
+def test_servo_error_is_delayed_or_cleared(harness):
     harness.start('servo_error:after=3')
     assert harness.faults.active() == ['servo_error joint=1 after=3 (begins in 3.0 s)']
     harness.wait(5.0)
@@ -91,7 +91,7 @@ def test_servo_error_later(harness):
     assert len(harness.actions.calls) == 1
 
 
-def test_estop_at_point_counts_the_points_since_it_began(harness):
+def test_estop_at_point_counts_points_from_its_start(harness):
     harness.faults.point_begun()
     harness.start('estop_at_point 3 after=1')
     harness.faults.point_begun()
@@ -102,7 +102,7 @@ def test_estop_at_point_counts_the_points_since_it_began(harness):
     assert harness.faults.active() == ['estop_at_point point=3 after=1 (1 points to go)']
     assert calls(harness) == []
     harness.faults.point_begun()
-    assert calls(harness) == []  # the core is in the middle of giving the point to the arm
+    assert calls(harness) == []  # the core is still passing the point to the arm
     harness.wait(0.0)
     assert calls(harness) == [('press_estop',)]
     assert harness.faults.active() == []
@@ -112,7 +112,7 @@ def test_estop_at_point_counts_the_points_since_it_began(harness):
     assert calls(harness) == []
 
 
-def test_estop_at_point_cleared_before(harness):
+def test_estop_at_point_can_be_cleared(harness):
     harness.start('estop_at_point 2')
     harness.faults.point_begun()
     harness.clear('estop_at_point')
@@ -121,7 +121,7 @@ def test_estop_at_point_cleared_before(harness):
     assert calls(harness) == []
 
 
-def test_reboot_begins_when_its_command_is_answered_and_ends_by_itself(harness):
+def test_reboot_starts_after_the_answer_and_ends_on_time(harness):
     harness.start('reboot:for=4')
     assert calls(harness) == []
     harness.wait(ANSWER_TIME_S)
@@ -136,7 +136,7 @@ def test_reboot_begins_when_its_command_is_answered_and_ends_by_itself(harness):
     assert calls(harness) == []
 
 
-def test_reboot_that_has_not_begun_can_be_cleared(harness):
+def test_pending_reboot_can_be_cleared(harness):
     harness.start('reboot:after=10')
     assert harness.clear('reboot') == 1
     harness.wait(100.0)
@@ -146,16 +146,8 @@ def test_reboot_that_has_not_begun_can_be_cleared(harness):
 # The table.
 
 
-def test_every_fault_has_a_test_of_its_name():
-    written = HERE.read_text('utf-8') + HERE.with_name('test_faulty_transport.py').read_text(
-        'utf-8'
-    )
-    for name in FAULTS:
-        assert f'def test_{name}_' in written, name
-
-
 @pytest.mark.parametrize('name', FAULTS)
-def test_every_fault_is_described_and_can_be_started_without_parameters(name, harness):
+def test_every_fault_is_described_and_has_defaults(name, harness):
     kind = FAULTS[name]
     assert kind.text.endswith('.')
     assert kind.parameters
@@ -182,7 +174,7 @@ def test_every_fault_is_described_and_can_be_started_without_parameters(name, ha
         'delay 0.2 for=3 port=motion+state',
     ],
 )
-def test_one_parser_reads_every_form(text):
+def test_all_notations_give_the_same_fault(text):
     fault = parse(text)
     assert fault.name == 'delay'
     assert fault.values == {'seconds': 0.2, 'for': 3.0, 'after': 0.0}
@@ -202,7 +194,7 @@ def test_one_parser_reads_every_form(text):
         ('reboot', ()),
     ],
 )
-def test_ports(text, ports):
+def test_ports_of_a_fault(text, ports):
     assert parse(text).ports == ports
 
 
@@ -237,7 +229,7 @@ def test_ports(text, ports):
         ('wrong_length value=3000000000', ['from -2147483648 to 2147483647']),
     ],
 )
-def test_an_error_names_what_is_wrong_and_what_is_allowed(text, parts):
+def test_error_names_the_invalid_and_the_allowed_value(text, parts):
     with pytest.raises(FaultError) as caught:
         parse(text)
     for part in parts:
@@ -273,15 +265,15 @@ def fault_texts(draw):
 
 
 @given(fault_texts())
-def test_what_is_written_is_read_again(text):
+def test_written_fault_is_read_again(text):
     fault = parse(text)
     assert parse(write(fault)) == fault
 
 
-# Which are active.
+# Active faults.
 
 
-def test_active_says_what_there_is_in_lines_without_commas(harness):
+def test_active_faults_are_listed_without_commas(harness):
     client = harness.client('motion')
     harness.start('cut:for=3')
     harness.start('lost_reply:count=3')
@@ -298,7 +290,7 @@ def test_active_says_what_there_is_in_lines_without_commas(harness):
     ]
 
 
-def test_clear_takes_one_name_or_all(harness):
+def test_clear_removes_one_name_or_all(harness):
     for text in ('delay', 'delay after=5', 'jitter', 'cut for=0'):
         harness.start(text)
     assert harness.clear('delay') == 2
@@ -313,7 +305,7 @@ def test_clear_takes_one_name_or_all(harness):
     assert harness.faults.active() == []
 
 
-def test_so_many_faults_at_a_time(harness):
+def test_number_of_active_faults_is_limited(harness):
     for _ in range(MAX_ACTIVE_FAULTS):
         harness.start('delay:after=100')
     with pytest.raises(
@@ -325,14 +317,14 @@ def test_so_many_faults_at_a_time(harness):
 
 
 @pytest.mark.parametrize('name', ['frozen_encoder', 'servo_error'])
-def test_a_joint_that_the_robot_has_not(harness, name):
+def test_missing_joint_is_refused(harness, name):
     with pytest.raises(FaultError, match=f'{name}: joint = 7: the robot has 6 joints'):
         harness.start(f'{name} {JOINTS + 1}')
     assert harness.faults.active() == []
     assert calls(harness) == []
 
 
-def test_a_fault_of_the_remote_port_lets_its_command_be_answered_first(harness):
+def test_fault_of_the_remote_port_starts_after_the_answer(harness):
     remote, state = harness.client('remote'), harness.client('state')
     harness.start('half_open:port=remote+state,for=1')
     harness.start('cut:port=remote,for=1')
@@ -346,7 +338,7 @@ def test_a_fault_of_the_remote_port_lets_its_command_be_answered_first(harness):
 
 
 @pytest.mark.parametrize('name', FAULTS)
-def test_the_remote_port_is_left_alone_unless_it_is_named(harness, name):
+def test_remote_port_is_disturbed_only_if_named(harness, name):
     remote = harness.client('remote')
     harness.start(name)
     for port in ('all',) if FAULTS[name].ports else ():
@@ -358,7 +350,7 @@ def test_the_remote_port_is_left_alone_unless_it_is_named(harness, name):
     assert not harness.faults.rejects('remote')
 
 
-def test_faults_that_come_and_go_leave_no_memory(harness):
+def test_ended_faults_use_no_memory(harness):
     for _ in range(50):
         for name in FAULTS:
             harness.start(f'{name}:after=0.01')
@@ -374,12 +366,12 @@ def test_faults_that_come_and_go_leave_no_memory(harness):
 # The page.
 
 
-def test_the_page_has_an_example_of_every_fault():
+def test_page_has_an_example_of_every_fault():
     text = PAGE.read_text('utf-8')
     assert not [name for name in FAULTS if f'pendant fault {name}' not in text]
 
 
-def test_the_examples_of_the_page_are_faults(harness):
+def test_examples_of_the_page_are_valid(harness):
     text = PAGE.read_text('utf-8')
     told = re.findall(r'^pendant fault (?!clear)(\w.*?)(?: +#.*)?$', text, re.MULTILINE)
     (line,) = re.findall(r'^sim_controller (--fault .*)$', text, re.MULTILINE)

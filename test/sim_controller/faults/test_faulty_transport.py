@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every fault of connections, at one transport: what comes out, when, and that it ends."""
+"""Faults of connections on one transport: output, timing and end."""
 
 import random
 import struct
@@ -29,7 +29,7 @@ def harness():
 
 
 def assert_normal(harness, client):
-    """What is sent passes at once and unchanged, and what the client sends too."""
+    """Assert that messages in both directions pass unchanged."""
     client.taken()
     assert harness.faults.active() == []
     sent = [state(900), answer(901), state(902)]
@@ -45,7 +45,7 @@ def bits_changed(before, after):
     return sum((a ^ b).bit_count() for a, b in zip(before, after, strict=True))
 
 
-def test_without_a_fault_everything_passes_at_once(harness):
+def test_without_a_fault_messages_pass_unchanged(harness):
     client = harness.client()
     client.send(state(1), answer(2), b'', LINE)
     assert client.taken() == [state(1), answer(2), b'', LINE]
@@ -53,7 +53,7 @@ def test_without_a_fault_everything_passes_at_once(harness):
     assert harness.clock.next_due is None
 
 
-def test_cut_closes_the_ports_connections_at_once_and_refuses_new_ones(harness):
+def test_cut_closes_connections_and_refuses_new_ones(harness):
     clients = {port: harness.client(port) for port in ('motion', 'state', 'io', 'remote')}
     harness.start('cut:for=2,port=motion+io')
     assert {port: each.hung_up for port, each in clients.items()} == {
@@ -76,7 +76,7 @@ def test_cut_closes_the_ports_connections_at_once_and_refuses_new_ones(harness):
     assert clients['motion'].hung_up == 1
 
 
-def test_cut_until_cleared(harness):
+def test_cut_lasts_until_cleared(harness):
     harness.start('cut:for=0')
     harness.wait(3600.0)
     assert harness.faults.rejects('state')
@@ -85,7 +85,7 @@ def test_cut_until_cleared(harness):
     assert not harness.faults.rejects('state')
 
 
-def test_half_open_is_silent_in_both_directions_and_stays_connected(harness):
+def test_half_open_is_silent_but_stays_connected(harness):
     client = harness.client('state')
     harness.start('half_open:for=3')
     harness.stream(client, 100)
@@ -95,20 +95,20 @@ def test_half_open_is_silent_in_both_directions_and_stays_connected(harness):
     assert_normal(harness, client)
 
 
-def test_half_open_hangs_up_afterwards_where_bytes_of_the_client_were_lost(harness):
-    heard, unheard = harness.client('motion'), harness.client('motion')
+def test_half_open_closes_connections_that_lost_bytes(harness):
+    lossy, intact = harness.client('motion'), harness.client('motion')
     harness.start('half_open')
-    assert heard.transport.receive(ask(1)) == b''
-    assert heard.transport.receive(ask(2)[:10]) == b''
+    assert lossy.transport.receive(ask(1)) == b''
+    assert lossy.transport.receive(ask(2)[:10]) == b''
     harness.wait(100.0)
-    assert (heard.hung_up, unheard.hung_up) == (0, 0)
+    assert (lossy.hung_up, intact.hung_up) == (0, 0)
     harness.clear('half_open')
-    assert (heard.hung_up, unheard.hung_up) == (1, 0)
-    assert heard.transport.receive(ask(2)[10:]) == b''
-    assert_normal(harness, unheard)
+    assert (lossy.hung_up, intact.hung_up) == (1, 0)
+    assert lossy.transport.receive(ask(2)[10:]) == b''
+    assert_normal(harness, intact)
 
 
-def test_half_open_loses_what_was_held(harness):
+def test_half_open_loses_delayed_messages(harness):
     client = harness.client()
     harness.start('delay:seconds=1')
     client.send(state(1))
@@ -119,18 +119,18 @@ def test_half_open_loses_what_was_held(harness):
     assert_normal(harness, client)
 
 
-def test_delay_is_the_same_for_all_and_ends(harness):
+def test_delay_is_constant_and_ends(harness):
     client = harness.client()
     harness.start('delay:seconds=0.02,for=0.01')
     messages = harness.stream(client, 5)
     harness.wait(1.0)
-    assert client.times() == [20, 25, 25, 25, 25]  # two are late, the others do not overtake
+    assert client.times() == [20, 25, 25, 25, 25]  # two are late and the others keep the order
     assert_normal(harness, client)
     harness.stream(client, 1)
     assert client.taken() == messages[:1]
 
 
-def test_delay_cleared_sends_what_was_held_at_once(harness):
+def test_clearing_delay_sends_the_held_messages(harness):
     client = harness.client()
     harness.start('delay 5')
     messages = harness.stream(client, 10)
@@ -160,7 +160,7 @@ def test_jitter_is_random_bounded_and_in_order(harness):
     assert_normal(harness, client)
 
 
-def test_coalesce_makes_one_piece_of_what_is_sent_in_a_time(harness):
+def test_coalesce_joins_messages_within_its_time(harness):
     client = harness.client()
     harness.start('coalesce:seconds=0.017')
     messages = harness.stream(client, 8)
@@ -173,7 +173,7 @@ def test_coalesce_makes_one_piece_of_what_is_sent_in_a_time(harness):
     assert_normal(harness, client)
 
 
-def test_one_byte_per_segment(harness):
+def test_one_byte_sends_single_bytes(harness):
     client = harness.client()
     harness.start('one_byte:for=1')
     client.send(state(1), state(2))
@@ -182,7 +182,7 @@ def test_one_byte_per_segment(harness):
     assert_normal(harness, client)
 
 
-def test_bit_errors_flip_as_many_bits_as_asked_for_in_their_share_of_the_messages(harness):
+def test_bit_errors_flip_bits_at_the_given_rate(harness):
     client = harness.client()
     harness.start('bit_errors:rate=0.25,bits=3')
     messages = harness.stream(client, 1000)
@@ -203,7 +203,7 @@ def test_bit_errors_reach_every_part_of_a_message(harness):
     assert hit == set(range(60))
 
 
-def test_wrong_length_strikes_one_message(harness):
+def test_wrong_length_changes_one_message(harness):
     client = harness.client()
     harness.start('wrong_length:skip=2')
     messages = harness.stream(client, 4)
@@ -228,7 +228,7 @@ def test_wrong_length_of_any_value_is_refused_by_a_framer(harness, value, dialec
         framer.next_frame()
 
 
-def test_lost_reply_strikes_replies_only_and_as_many_as_asked_for(harness):
+def test_lost_reply_drops_the_given_number_of_replies(harness):
     client = harness.client('motion')
     harness.start('lost_reply:count=2,skip=1')
     client.send(*(answer(0), state(0), answer(1), state(1), answer(2), answer(3)))
@@ -244,7 +244,7 @@ def test_lost_reply_in_the_other_byte_order(harness):
     assert client.taken() == [state(0, BIG_ENDIAN), answer(1, BIG_ENDIAN)]
 
 
-def test_late_reply_comes_late_once_and_nothing_overtakes_it(harness):
+def test_late_reply_delays_one_reply_and_keeps_the_order(harness):
     client = harness.client('motion')
     harness.start('late_reply:seconds=0.5')
     client.send(state(0), answer(0), answer(1))
@@ -258,16 +258,7 @@ def test_late_reply_comes_late_once_and_nothing_overtakes_it(harness):
     assert_normal(harness, client)
 
 
-def test_late_reply_cleared_is_sent_at_once(harness):
-    client = harness.client('motion')
-    harness.start('late_reply:seconds=5,count=0')
-    client.send(answer(0), state(1))
-    harness.clear()
-    assert client.taken() == [answer(0), state(1)]
-    assert_normal(harness, client)
-
-
-def test_wrong_byte_order_is_what_a_controller_of_the_other_order_sends(harness):
+def test_wrong_byte_order_swaps_every_word(harness):
     client = harness.client()
     harness.start('wrong_byte_order')
     client.send(state(7), answer(8), state(9, BIG_ENDIAN), b'12345')
@@ -281,7 +272,7 @@ def test_wrong_byte_order_is_what_a_controller_of_the_other_order_sends(harness)
     assert_normal(harness, client)
 
 
-def test_reboot_and_the_controllers_own_faults_leave_transports_alone(harness):
+def test_faults_of_the_controller_do_not_disturb_transports(harness):
     client = harness.client()
     for name in set(FAULTS) - set(LINK_FAULTS):
         harness.start(name)
@@ -291,7 +282,7 @@ def test_reboot_and_the_controllers_own_faults_leave_transports_alone(harness):
 
 
 @pytest.mark.parametrize('name', LINK_FAULTS)
-def test_a_port_that_is_not_meant_is_not_disturbed(harness, name):
+def test_other_ports_are_not_disturbed(harness, name):
     untouched = harness.client('io')
     harness.start(f'{name}:port=state')
     sent = [answer(number) for number in range(20)]
@@ -302,8 +293,8 @@ def test_a_port_that_is_not_meant_is_not_disturbed(harness, name):
 
 
 @pytest.mark.parametrize('name', LINK_FAULTS)
-def test_what_a_client_sends_is_never_changed(harness, name):
-    """No fault can make a motion: a session receives what was sent, or nothing."""
+def test_received_bytes_are_never_changed(harness, name):
+    """No fault can cause motion. A session receives the sent bytes or nothing."""
     client = harness.client('motion')
     harness.start(f'{name}:port=motion')
     for number in range(20):
@@ -313,7 +304,7 @@ def test_what_a_client_sends_is_never_changed(harness, name):
 
 
 @pytest.mark.parametrize('name', LINK_FAULTS)
-def test_cleared_faults_leave_nothing_behind(harness, name):
+def test_cleared_faults_have_no_further_effect(harness, name):
     client = harness.client('motion')
     harness.start(f'{name}:port=motion')
     harness.wait(0.5)
@@ -327,11 +318,11 @@ def test_cleared_faults_leave_nothing_behind(harness, name):
 
 
 @pytest.mark.parametrize('name', [name for name in LINK_FAULTS if name != 'cut'])
-def test_a_fault_begins_after_its_time_and_ends_after_it_has_lasted(harness, name):
+def test_fault_starts_after_its_delay_and_ends_on_time(harness, name):
     client = harness.client('motion')
     counts = any(parameter.name == 'count' for parameter in FAULTS[name].parameters)
     unlimited = ',count=0' if counts else ''
-    late = ',seconds=0.05' if name == 'late_reply' else ''  # what comes next is not held as well
+    late = ',seconds=0.05' if name == 'late_reply' else ''  # the next messages are not held
     harness.start(f'{name}:port=motion,after=2,for=1{unlimited}{late}')
     for when, disturbed in ((0.0, False), (1.9, False), (2.1, True), (2.9, True), (3.1, False)):
         harness.wait(when - harness.clock.now)
@@ -344,7 +335,7 @@ def test_a_fault_begins_after_its_time_and_ends_after_it_has_lasted(harness, nam
     assert harness.faults.active() == []
 
 
-def test_faults_add_up_in_the_order_they_were_started(harness):
+def test_faults_combine_in_their_order_of_start(harness):
     client = harness.client()
     for text in ('delay:seconds=0.1', 'delay:seconds=0.2', 'one_byte', 'wrong_length:add=1'):
         harness.start(text)
@@ -364,7 +355,7 @@ def test_faults_add_up_in_the_order_they_were_started(harness):
 @pytest.mark.parametrize(
     'text', ['jitter:seconds=0.2', 'jitter coalesce', 'coalesce late_reply', 'jitter late_reply']
 )
-def test_the_order_is_kept_and_nothing_is_sent_twice(harness, text):
+def test_order_is_kept_without_duplicates(harness, text):
     client = harness.client('motion')
     for fault in text.split():
         harness.start(fault)
@@ -385,7 +376,7 @@ def test_the_order_is_kept_and_nothing_is_sent_twice(harness, text):
 
 
 @pytest.mark.parametrize('text', ['delay:seconds=60', 'coalesce:seconds=10', 'late_reply 60'])
-def test_what_is_held_is_bounded(harness, text):
+def test_held_bytes_are_limited(harness, text):
     client = harness.client('motion')
     harness.start(text)
     most = 0
@@ -400,7 +391,7 @@ def test_what_is_held_is_bounded(harness, text):
 
 
 def outcome(seed, *texts, before=()):
-    """Return what two state clients get through these faults."""
+    """Return the segments that two state clients receive with these faults."""
     harness = FaultHarness(seed)
     for port in before:
         harness.client(port)
@@ -418,22 +409,22 @@ def outcome(seed, *texts, before=()):
 RANDOM = ('jitter:port=state', 'bit_errors:rate=0.5,bits=4')
 
 
-def test_the_same_seed_gives_the_same_bytes_at_the_same_times():
+def test_same_seed_gives_the_same_bytes_and_times():
     assert outcome(5, *RANDOM) == outcome(5, *RANDOM)
 
 
-def test_other_seeds_other_connections_and_other_faults_give_other_bytes():
+def test_seed_connection_and_order_change_the_bytes():
     first, second = outcome(5, *RANDOM)
     assert first != second
     assert first not in outcome(6, *RANDOM)
     assert first not in outcome(5, *reversed(RANDOM))
 
 
-def test_connections_of_other_ports_do_not_change_what_is_random():
+def test_other_ports_do_not_change_the_random_values():
     assert outcome(5, *RANDOM, before=('remote', 'motion', 'remote')) == outcome(5, *RANDOM)
 
 
-def test_a_fault_that_comes_or_goes_does_not_begin_the_others_anew():
+def test_other_faults_do_not_restart_a_random_sequence():
     def flipped(*texts):
         harness = FaultHarness()
         client = harness.client()
@@ -450,14 +441,14 @@ def test_a_fault_that_comes_or_goes_does_not_begin_the_others_anew():
     assert len(set(flipped('delay', 'delay'))) == 3
 
 
-def test_a_fault_with_a_seed_of_its_own_does_not_depend_on_the_others():
+def test_fault_with_its_own_seed_is_independent():
     alone = outcome(5, 'jitter:seed=3')
     assert outcome(6, 'jitter:seed=3') == alone
     assert outcome(6, 'bit_errors:rate=0', 'jitter:seed=3') == alone
     assert outcome(5, 'jitter:seed=4') != alone
 
 
-def test_what_is_random_is_the_same_on_every_machine():
+def test_random_values_are_the_same_on_every_machine():
     harness = FaultHarness(1)
     client = harness.client()
     harness.start('bit_errors:rate=1,bits=2')
@@ -465,7 +456,7 @@ def test_what_is_random_is_the_same_on_every_machine():
     assert client.taken() == [bytes.fromhex('00000000000100000000000040000000')]
 
 
-def test_a_closed_transport_sends_nothing_and_is_closed_only_once(harness):
+def test_closed_transport_sends_nothing(harness):
     client = harness.client()
     harness.start('delay:seconds=1')
     client.send(state(1))
@@ -481,7 +472,7 @@ def test_a_closed_transport_sends_nothing_and_is_closed_only_once(harness):
     assert client.transport.held == 0
 
 
-def test_a_transport_opened_while_a_fault_is_active_is_disturbed(harness):
+def test_new_transport_is_disturbed_by_an_active_fault(harness):
     harness.start('half_open')
     client = harness.client()
     client.send(state(1))
@@ -501,16 +492,12 @@ def test_a_transport_opened_while_a_fault_is_active_is_disturbed(harness):
         (struct.pack('<ii', 4, 3), ByteOrder.LITTLE, False),
     ],
 )
-def test_messages_are_told_apart(message, order, reply):
+def test_byte_order_and_replies_are_recognized(message, order, reply):
     assert byte_order(message) is order
     assert is_reply(message) is reply
 
 
-def test_every_disturbance_is_a_fault_with_a_port():
-    assert set(DISTURBANCES) | {'cut'} == set(LINK_FAULTS)
-
-
-def test_a_message_that_a_first_fault_has_swallowed_uses_up_no_second_one(harness):
+def test_dropped_message_does_not_count_for_other_faults(harness):
     client = harness.client('motion')
     harness.start('lost_reply:count=1')
     harness.start('bit_errors:rate=1,bits=1,count=1,port=motion')
@@ -522,7 +509,7 @@ def test_a_message_that_a_first_fault_has_swallowed_uses_up_no_second_one(harnes
     assert passed == answer(3)
 
 
-def test_a_length_that_another_fault_has_spoilt_is_left_alone():
+def test_wrong_length_ignores_a_corrupt_length():
     spoilt = b'\xff' * 20
     assert byte_order(spoilt) is None
     outgoing = OutgoingMessage(spoilt)
