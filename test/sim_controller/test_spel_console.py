@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The terminal of `epson_driver spel run`: what it shows, and what it answers."""
+"""The terminal of `epson_driver spel run`."""
 
 import pytest
 
@@ -10,13 +10,15 @@ from epson_driver.spel import Caller
 MAIN = Caller(1, 'main', 'main.prg', 3)
 
 
-def test_a_message_box_is_shown_and_nobody_presses_ok(capsys: pytest.CaptureFixture[str]) -> None:
+def test_message_box_is_printed_and_cancelled(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     answer = Console().message_box(MAIN, 'Is the cell empty?', 4, 'Cell 4')
     assert capsys.readouterr().out == 'MsgBox Cell 4: Is the cell empty? (answered with Cancel)\n'
     assert answer == 2
 
 
-def test_typed_lines_come_one_after_the_other() -> None:
+def test_typed_lines_are_read_in_order() -> None:
     console = Console()
     assert console.read_line() is None
     console.typed('1')

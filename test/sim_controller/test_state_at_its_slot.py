@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""State messages come at their slot, and go on whatever the motion does."""
+"""State messages are sent in their slots, independent of the motion."""
 
 import random
 import struct
@@ -50,14 +50,11 @@ LATE = [on_time, late_by_1_ms, late_by_30_ms, late_by_900_ms_once]
 BURSTS = ['coalesce 0.05 port=state', 'coalesce 0.2 port=state']
 
 QUICK = {(late_by_30_ms, None)}
-"""What is tested in `make test` as well."""
+"""Cases of `make test`."""
 
 
 class Paced:
-    """A controller that a pacer steps, which is woken `late(now, chance)` s after it should be.
-
-    Time is a number here: nothing waits.
-    """
+    """A controller whose pacer wakes `late(now, chance)` s too late, on a manual clock."""
 
     def __init__(self, late, *, smooth=False, fault=None):
         self.harness = Harness(planner=InlinePlanner() if smooth else None)
@@ -71,7 +68,7 @@ class Paced:
         self.connection = self.controller.connect('state', self.peer)
 
     def wakes(self, seconds):
-        """Yield the frames that came with each waking, and when that was."""
+        """Yield the frames received at each wake-up, and its time."""
         end = self.now + seconds
         while self.now < end:
             clock = self.controller.clock
@@ -91,7 +88,7 @@ def joints(body):
 
 
 def slots(paced, seconds):
-    """Return the joints of each slot, None where it was a STATUS."""
+    """Return the joints of each slot, None for a STATUS."""
     return [
         joints(body) if kind == JOINT_POSITION else None
         for frames, _ in paced.wakes(seconds)
@@ -100,24 +97,24 @@ def slots(paced, seconds):
 
 
 @pytest.mark.parametrize('late', LATE[1:])
-def test_each_message_has_the_joints_of_its_slots_time(late):
-    found = []
+def test_message_has_the_joints_at_its_slot_time(late):
+    results = []
     for how_late in (on_time, late):
         paced = Paced(how_late)
         paced.harness.send(point(0, AWAY), point(1, (0.0,) * 6))
-        found.append(slots(paced, 2.0))
-    exact, told = found
-    compared = [(a, b) for a, b in zip(exact, told, strict=False) if a is not None]
+        results.append(slots(paced, 2.0))
+    exact, reported = results
+    compared = [(a, b) for a, b in zip(exact, reported, strict=False) if a is not None]
     assert len(compared) >= 300
     for expected, given in compared:
         assert given == pytest.approx(expected, abs=1e-6)
     speeds = np.abs(np.diff([a[0] for a, _ in compared])) / PERIOD
-    assert speeds.max() > 1.0  # it moved: 1 ms would have been 1 mrad
+    assert speeds.max() > 1.0  # 1 ms corresponds to 1 mrad
 
 
-def test_a_process_that_stood_still_for_long_makes_up_for_the_newest_slots_only():
-    stood = iter([0.0, 60.0])
-    paced = Paced(lambda *_: next(stood))
+def test_stalled_process_sends_only_the_newest_slots():
+    delays = iter([0.0, 60.0])
+    paced = Paced(lambda *_: next(delays))
     wakes = paced.wakes(30.0)
     next(wakes)
     frames, _ = next(wakes)
@@ -133,11 +130,8 @@ def test_a_process_that_stood_still_for_long_makes_up_for_the_newest_slots_only(
         for fault in (None, *BURSTS)
     ],
 )
-def test_inv8_velocities_of_a_simulation_that_is_late_are_those_of_its_motion(late, fault):
-    """docs/invariants.md, 8: the driver's own estimate is within 2 % of the motion's fastest.
-
-    The motion is what the slots say; that they tell the truth is tested above.
-    """
+def test_inv8_late_simulation_reports_correct_velocities(late, fault):
+    """The driver's estimate is within 2 % of the highest speed of the slots."""
     paced = Paced(late, smooth=True, fault=fault)
     state = RobotState(6, rules=StateRules(PERIOD, LIMITS))
     path, velocities = [], []  # by slot
@@ -179,11 +173,11 @@ LONGEST = 0.1
 DT = 0.004
 
 SILENT = {'cut', 'half_open', 'reboot'}
-"""Faults that silence the state port if they act on it."""
+"""Faults that silence the state port if they apply to it."""
 
 
 class Watch:
-    """A state client, and how long it heard nothing."""
+    """A state client, and the longest time without a message."""
 
     def __init__(self, harness):
         self.harness, self.peer = harness, Peer()
@@ -197,7 +191,7 @@ class Watch:
             self.longest = max(self.longest, self.silence)
 
 
-def moving_and_watched():
+def new_moving_controller():
     harness = Harness(profile=SIMULATED)
     watch = Watch(harness)
     harness.send(point(0, (1.5, 0.5, 0.3)), point(1, ()))
@@ -207,8 +201,8 @@ def moving_and_watched():
 
 
 @pytest.mark.parametrize('name', [name for name in FAULTS if name != 'reboot'])
-def test_through_every_fault_that_leaves_the_link_up(name):
-    harness, watch = moving_and_watched()
+def test_state_messages_continue_through_faults(name):
+    harness, watch = new_moving_controller()
     harness.controller.faults.start(parse(f'{name} port=motion' if name in SILENT else name))
     watch.step(2.0)
     harness.controller.faults.clear()
@@ -217,33 +211,8 @@ def test_through_every_fault_that_leaves_the_link_up(name):
 
 
 @pytest.mark.parametrize('name', sorted(SILENT))
-def test_what_silences_the_state_port_is_noticed_here(name):
-    _, watch = moving_and_watched()
+def test_fault_that_silences_the_state_port_is_detected(name):
+    _, watch = new_moving_controller()
     watch.harness.controller.faults.start(parse(name))
     watch.step(1.0)
     assert watch.longest > LONGEST
-
-
-@pytest.mark.parametrize(
-    'events',
-    [
-        ('E-stop press', 'E-stop release', 'reset', 'motors on'),
-        ('door open', 'door close', 'continue'),
-        ('pause', 'continue'),
-        ('stop', 'start'),
-        ('motors off', 'motors on'),
-        ('mode manual', 'mode auto', 'motors on'),
-        ('error', 'reset', 'motors on'),
-        ('critical error',),
-        ('power low', 'power high'),
-    ],
-    ids=lambda events: events[0],
-)
-def test_through_everything_that_a_person_does(events):
-    harness, watch = moving_and_watched()
-    for event in events:
-        harness.do(event)
-        watch.step(0.5)
-    harness.disconnect()
-    watch.step(0.5)
-    assert watch.longest < LONGEST

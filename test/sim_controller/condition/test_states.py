@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of the controller's condition, by stories of what a person does and sees.
+"""The tables of the controller's condition, tested by sequences of events.
 
-A story is read from top to bottom; a step is `event: what changes`, and what is not named must
-stay as it was. `event! words` is refused with a sentence that holds the words.
+A step of a story is `event: changes`. All other values must stay unchanged. `event! words` is
+refused with a sentence that contains the words.
 """
 
 from functools import cache
@@ -91,7 +91,7 @@ STORIES = {
         reset! try again when it is there
         recovered: tasks=RUNNING
         continue! nothing is paused""",
-    'door opened again on the way back': """
+    'door opened again during the return': """
         motors on: motors=ON
         door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
         door close: door=CLOSED tasks=WAIT_RECOVER
@@ -100,7 +100,7 @@ STORIES = {
         continue: motors=ON tasks=RECOVERING
         door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
         standstill: motors=HELD""",
-    'pause on the way back': """
+    'pause during the return': """
         motors on: motors=ON
         door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
         standstill: motors=HELD
@@ -135,13 +135,13 @@ STORIES = {
         reset: estop=CLEAR
         start: tasks=RUNNING
         start:""",
-    'start wants the door closed': """
+    'start requires a closed door': """
         stop: tasks=STOPPED
         door open: door=OPEN
         start! door is open
         door close: door=CLOSED
         start: tasks=RUNNING""",
-    'start forgets what the door held': """
+    'start releases motors held by the door': """
         motors on: motors=ON
         stop: tasks=STOPPED
         door open: motors=HOLDING door=OPEN
@@ -197,7 +197,7 @@ STORIES = {
         start! AUTO first
         mode auto: mode=AUTO
         start: tasks=RUNNING""",
-    'a SPEL+ program that comes to its end': """
+    'a SPEL+ program that ends': """
         motors on: motors=ON
         the tasks are over: tasks=STOPPED
         the tasks are over:
@@ -232,7 +232,7 @@ STORIES = {
 
 
 def play(story):
-    """Play a story from the boot on; raise AssertionError where it is not true."""
+    """Apply the events of a story after a boot and assert each step."""
     condition = Condition()
     for step in filter(None, map(str.strip, story.splitlines())):
         name, refused, words = step.partition('!')
@@ -250,7 +250,7 @@ def play(story):
 
 
 def rejection(condition, event):
-    """Return what a person is told; nothing if the event is not refused."""
+    """Return the text of the rejection of an event, or an empty string."""
     try:
         after(condition, event)
     except RejectedError as error:
@@ -259,18 +259,18 @@ def rejection(condition, event):
 
 
 @pytest.mark.parametrize('story', STORIES)
-def test_story(story):
+def test_story_of_events(story):
     play(STORIES[story])
 
 
-def test_every_rejection_says_what_is_and_mostly_what_to_do():
+def test_every_rejection_has_a_sentence():
     for (event, state), sentence in REJECTIONS.items():
         assert len(sentence.split()) >= 3, (event, state)
 
 
 @cache
 def reachable():
-    """Return every condition that events can lead to."""
+    """Return every condition that events can reach."""
     found, new = set(), {Condition()}
     while new:
         found |= new
@@ -288,12 +288,12 @@ def reachable():
 FAULTS = (Event.ESTOP_PRESS, Event.ERROR, Event.CRITICAL_ERROR)
 SWITCHED_OFF = (Event.MOTORS_OFF, Event.CLIENT_LOST, Event.MODE_MANUAL)
 BRAKES = {states.Motors.HOLDING: states.Motors.BRAKING, states.Motors.HELD: states.Motors.OFF}
-"""What becomes of motors that the door holds, when something forbids to go on."""
+"""Result of a fault for motors that the open door holds."""
 
 
 @pytest.mark.parametrize('event', [*FAULTS, *SWITCHED_OFF, Event.STOP, Event.BOOT])
 @pytest.mark.invariant(3, 4)
-def test_what_ends_a_motion_ends_it_in_every_condition(event):
+def test_event_that_ends_a_motion_ends_it_in_every_condition(event):
     for before in reachable():
         then = after(before, event)
         running = before.tasks not in (states.Tasks.STOPPED, states.Tasks.ABORTED)
@@ -316,7 +316,7 @@ def test_what_ends_a_motion_ends_it_in_every_condition(event):
 
 
 @pytest.mark.invariant(4)
-def test_invariant_4_power_comes_only_from_motors_on_and_from_continue_after_the_door():
+def test_inv4_only_motors_on_and_continue_switch_motors_on():
     conditions = reachable()
     assert len(conditions) > 100
     for condition in conditions:
@@ -332,7 +332,7 @@ def test_invariant_4_power_comes_only_from_motors_on_and_from_continue_after_the
                     assert condition.tasks is states.Tasks.WAIT_RECOVER
 
 
-def test_no_motion_is_possible_with_estop_door_error_or_manual():
+def test_motors_are_off_with_estop_open_door_error_or_manual():
     for condition in reachable():
         if condition.motors is states.Motors.ON:
             assert condition.estop is states.EStop.CLEAR
@@ -363,16 +363,16 @@ def test_the_state_server_runs_in_every_condition():
 
 
 @pytest.mark.parametrize('number', ErrorNumber)
-def test_every_error_that_is_shown_has_a_text(number):
+def test_every_error_has_a_text(number):
     assert TEXTS[number] == ERRORS[number].meaning != ''
 
 
 @pytest.mark.parametrize('number', set(ErrorNumber) - {0, 2998, 2999})
-def test_every_error_that_stops_the_motion_says_what_to_do(number):
+def test_every_error_that_stops_motion_has_a_remedy(number):
     assert ERRORS[number].remedy
 
 
-def test_a_rejection_keeps_its_number_when_it_is_said_what_it_is_about():
+def test_rejection_about_a_subject_keeps_its_number():
     assert corrupt('wrong').about('point 3') == Rejection(
         ErrorNumber.CORRUPT_MESSAGE, 'point 3: wrong'
     )
