@@ -16,13 +16,13 @@ from types import TracebackType
 from typing import Literal, Self
 
 from epson_driver.api import moves
-from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import (
     TIMEOUT,
     ArgumentError,
     MotionError,
     PathError,
     RobotError,
+    checked_arguments,
 )
 from epson_driver.api.io import Gripper, GripperState, GripperWiring, Io
 from epson_driver.api.motion import Motion

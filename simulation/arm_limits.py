@@ -13,9 +13,8 @@ from numpy.polynomial import chebyshev
 
 from benchmark.exact_extrema import NODES, Extrema, Spans, State, both_ends, executed_spans
 from epson_driver.motion import Array, JointLimits
-from epson_driver.motion.joint_motion import JointMotion
-from epson_driver.motion.joint_moves import JointMoves
-from epson_driver.motion.joint_stop import JointStop
+from epson_driver.motion.joint_motion import JointMotion, JointStop
+from epson_driver.motion.overlap import JointMoves
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.sim_controller.arm.executor import Motion

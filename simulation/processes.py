@@ -26,8 +26,7 @@ from epson_driver.driver.goal.planning_scope import PlanningEndedError, Planning
 from epson_driver.driver.io.io_client import IoAnswer
 from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.servo.arrivals import came_at
-from epson_driver.driver.servo.setpoint import Setpoint
+from epson_driver.driver.servo.setpoint import Setpoint, came_at
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.motion import Array, Trajectory
 from epson_driver.robots import RobotModel

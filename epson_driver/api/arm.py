@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api import moves
-from epson_driver.api.arguments import checked_arguments
-from epson_driver.api.errors import PathError, checked_timeout
+from epson_driver.api.errors import PathError, checked_arguments, checked_timeout
 from epson_driver.api.ownership import Unique
 from epson_driver.api.poses import BASE, Frames, Pose, Tool, checked_tool
 from epson_driver.api.status import RobotStatus, Sample

@@ -7,8 +7,7 @@ import contextlib
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, TypeVar
 
-from epson_driver.api.arguments import checked_arguments
-from epson_driver.api.errors import RobotError, checked_timeout
+from epson_driver.api.errors import RobotError, checked_arguments, checked_timeout
 from epson_driver.api.ownership import Unique
 from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
 from epson_driver.inputs import choice, count

@@ -9,9 +9,8 @@ from os import PathLike
 import numpy.typing as npt
 
 from epson_driver.api import moves
-from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.arm import Arm
-from epson_driver.api.errors import not_begun, refusals
+from epson_driver.api.errors import checked_arguments, not_begun, refusals
 from epson_driver.api.motion import Motion
 from epson_driver.api.poses import Pose, Waypoint, is_pose
 from epson_driver.api.recording import RATE, SPEED, Recording

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from os import PathLike
 from typing import Any
 
-from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.errors import checked_arguments
 from epson_driver.api.ownership import Unique
 from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
 

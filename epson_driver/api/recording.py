@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from epson_driver.api.arguments import checked_arguments
-from epson_driver.api.errors import RobotError
+from epson_driver.api.errors import RobotError, checked_arguments
 from epson_driver.api.ownership import Unique
 from epson_driver.inputs import number
 from epson_driver.motion import Array, JointLimits, Trajectory

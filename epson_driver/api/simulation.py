@@ -7,8 +7,7 @@ import contextlib
 import signal
 from collections.abc import Callable, Sequence
 
-from epson_driver.api.arguments import checked_arguments
-from epson_driver.api.errors import RobotError
+from epson_driver.api.errors import RobotError, checked_arguments
 from epson_driver.api.ownership import Unique
 from epson_driver.inputs import Rule, choice, count
 from epson_driver.processes.command import module_command

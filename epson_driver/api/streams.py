@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.arm import Arm
-from epson_driver.api.errors import PathError, RobotError, refusals
+from epson_driver.api.errors import PathError, RobotError, checked_arguments, refusals
 from epson_driver.api.moves import joint_rows
 from epson_driver.api.poses import BASE_LINK, TOOL, Pose
 from epson_driver.inputs import shown

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Process, close_soon
-from epson_driver.processes.priority import raise_priority
+from epson_driver.processes.command import raise_priority
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.api.connection import Connection

@@ -13,7 +13,7 @@ import numpy as np
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import Problem as OnPath
+from epson_driver.motion.smoother.request import Problem as OnPath
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.transcription import STEPS, Problem, Search
 

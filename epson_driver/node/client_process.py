@@ -20,8 +20,8 @@ from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
 from epson_driver.node.ros_process import RosThread, udp_by_default
+from epson_driver.processes.command import raise_priority
 from epson_driver.processes.interrupt import ended_by_signals, ignore_interrupts
-from epson_driver.processes.priority import raise_priority
 
 DEFAULT_NAME = 'epson_driver'
 

@@ -15,8 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from epson_driver.driver.servo.arrivals import Arrivals, came_at
-from epson_driver.driver.servo.setpoint import Setpoint, Window
+from epson_driver.driver.servo.setpoint import Arrivals, Setpoint, Window, came_at
 from epson_driver.motion import Array
 from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.trajectory_messages import duration_in_s

@@ -13,10 +13,50 @@ from typing import Any, Final
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from epson_driver.report.bag_types import typestore
 from epson_driver.report.figures import Figures
 from epson_driver.report.run import FLAGS, NANOSECONDS, Run, RunError
+
+INDUSTRIAL_MSGS = {
+    'industrial_msgs/msg/TriState': """int8 val
+int8 UNKNOWN=-1
+int8 TRUE=1
+int8 ON=1
+int8 ENABLED=1
+int8 HIGH=1
+int8 CLOSED=1
+int8 FALSE=0
+int8 OFF=0
+int8 DISABLED=0
+int8 LOW=0
+int8 OPEN=0
+""",
+    'industrial_msgs/msg/RobotMode': """int8 val
+int8 UNKNOWN=-1
+int8 MANUAL=1
+int8 AUTO=2
+""",
+    'industrial_msgs/msg/RobotStatus': """std_msgs/Header header
+industrial_msgs/RobotMode mode
+industrial_msgs/TriState e_stopped
+industrial_msgs/TriState drives_powered
+industrial_msgs/TriState motion_possible
+industrial_msgs/TriState in_motion
+industrial_msgs/TriState in_error
+int32[] error_codes
+""",
+}
+"""Copies of interfaces/industrial_msgs, from ROS-Industrial. A test compares them."""
+
+
+def typestore() -> Any:
+    """Return the types of ROS 2 Jazzy and industrial_msgs."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, definition in INDUSTRIAL_MSGS.items():
+        store.register(get_types_from_msg(definition, name))
+    return store
+
 
 METADATA_VERSION: Final = 9
 """The version written by ROS 2 Jazzy."""

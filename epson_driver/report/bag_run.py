@@ -19,7 +19,7 @@ from rosbags.interfaces import Connection
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import MEGABYTE, InputError, open_file, printable, read_yaml
 from epson_driver.motion import Array
-from epson_driver.report.bag_types import typestore
+from epson_driver.report.bag_file import typestore
 from epson_driver.report.run import (
     FLAGS,
     NANOSECONDS,

@@ -219,8 +219,7 @@ def _bag(ending: str) -> Callable[[Path], Path]:
         from rosbags.highlevel import AnyReader
         from rosbags.rosbag2 import StoragePlugin, Writer
 
-        from epson_driver.report.bag_file import write_bag
-        from epson_driver.report.bag_types import typestore
+        from epson_driver.report.bag_file import typestore, write_bag
 
         write_bag(_run(), figures(_run()), folder / 'run')
         with (

@@ -10,7 +10,7 @@ from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import Mode, Smoother
 from epson_driver.motion.smoother.commanded_times import SMOOTHED_S, problem_of
 from epson_driver.motion.smoother.path import through
-from epson_driver.motion.smoother.problem import Effort
+from epson_driver.motion.smoother.request import Effort
 
 PLACES = 20_000
 """Samples per segment for the integral of its duration."""

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.motion.joint_stop import JointStop, stop_joints
+from epson_driver.motion.joint_motion import JointStop, stop_joints
 from epson_driver.motion.overlap import blend_start
 from epson_driver.robots import load_robot_model
 

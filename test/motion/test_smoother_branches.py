@@ -16,8 +16,7 @@ from epson_driver.motion.smoother import Mode, Smoother, planner
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import BRANCH
-from epson_driver.motion.smoother.problem import MAX_EFFORT_US, Effort, Problem
-from epson_driver.motion.smoother.request import Plan, Request
+from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory

@@ -16,7 +16,7 @@ from epson_driver.motion.smoother import MERGE_TOLERANCE, optimal, ruckig_move
 from epson_driver.motion.smoother.banded import solve_pentadiagonal, solve_tridiagonal
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.request import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import (
     TimeParametrisation,

@@ -11,7 +11,7 @@ import threading
 import pytest
 
 from epson_driver.api.threads import LoopThread
-from epson_driver.processes import priority
+from epson_driver.processes import command
 
 ASKED = 'import os; print(os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0))'
 
@@ -32,8 +32,8 @@ def in_thread(function):
 
 def raised():
     """Return the priorities of this thread, of a new thread and of a new process."""
-    priority.raise_priority()
-    priority.raise_priority()
+    command.raise_priority()
+    command.raise_priority()
     child = subprocess.run([sys.executable, '-c', ASKED], check=True, capture_output=True)
     return own(), in_thread(own), tuple(map(int, child.stdout.split()))
 
@@ -44,7 +44,7 @@ def refuses(*_arguments):
 
 @pytest.fixture(autouse=True)
 def _first(monkeypatch, caplog):
-    monkeypatch.setattr(priority, '_refused', threading.Event())
+    monkeypatch.setattr(command, '_refused', threading.Event())
     caplog.set_level('INFO')
 
 
@@ -54,7 +54,7 @@ def test_priority_is_raised_for_one_thread_or_refusal_is_logged(caplog):
     if caplog.messages:
         assert here == usual
     else:
-        assert here == (os.SCHED_OTHER, priority.NICE)
+        assert here == (os.SCHED_OTHER, command.NICE)
         assert thread[0] == process[0] == os.SCHED_OTHER
         assert min(thread[1], process[1]) >= min(0, usual[1])
     assert in_thread(own) == usual
@@ -66,7 +66,7 @@ def test_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
         monkeypatch.delattr(os, 'sched_getscheduler')
     monkeypatch.setattr(os, 'sched_setscheduler', refuses)
     for _ in range(2):
-        in_thread(priority.raise_priority)
+        in_thread(command.raise_priority)
     (text,) = caplog.messages
     assert 'keeps its normal priority' in text
     assert 'docs/troubleshooting.md has the remedy' in text
@@ -75,6 +75,6 @@ def test_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
 def test_event_loop_of_a_robot_has_the_priority():
     thread = LoopThread('robot')
     try:
-        assert thread.call(own) == in_thread(lambda: (priority.raise_priority(), own())[1])
+        assert thread.call(own) == in_thread(lambda: (command.raise_priority(), own())[1])
     finally:
         thread.close()

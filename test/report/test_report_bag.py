@@ -20,9 +20,12 @@ rosbags = pytest.importorskip('rosbags', reason='the extra [report] is not insta
 from rosbags.highlevel import AnyReader  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 
-from epson_driver.report.bag_file import write_bag  # noqa: E402
+from epson_driver.report.bag_file import (  # noqa: E402
+    INDUSTRIAL_MSGS,
+    typestore,
+    write_bag,
+)
 from epson_driver.report.bag_run import read_bag  # noqa: E402
-from epson_driver.report.bag_types import INDUSTRIAL_MSGS, typestore  # noqa: E402
 
 NAMES = tuple(f'joint_{number}' for number in range(1, 7))
 LIMITS = load_robot_model('c3_a601s').limits

@@ -20,8 +20,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import get_types_from_msg  # noqa: E402
 
 from epson_driver.report import bag_run  # noqa: E402
+from epson_driver.report.bag_file import typestore  # noqa: E402
 from epson_driver.report.bag_run import CONTROLLER_STATE, read_bag  # noqa: E402
-from epson_driver.report.bag_types import typestore  # noqa: E402
 
 MODEL = load_robot_model('c3_a601s')
 TEXTS = load_error_texts()

@@ -9,8 +9,8 @@ import pytest
 
 from benchmark.exact_extrema import Extrema
 from epson_driver.motion import go, point_to_point
-from epson_driver.motion.joint_moves import JointMoves, Part
-from epson_driver.motion.joint_stop import stop_joints
+from epson_driver.motion.joint_motion import stop_joints
+from epson_driver.motion.overlap import JointMoves, Part
 from epson_driver.sim_controller.arm.streaming import Streaming
 from epson_driver.tool_motion.curve_motion import Curve, CurveSpeed, go_along
 from simulation.arm_limits import cuts, spans_of

@@ -6,8 +6,7 @@ import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Path
-from epson_driver.motion.smoother.problem import OUTSET_US, Effort, Problem
-from epson_driver.motion.smoother.request import Request
+from epson_driver.motion.smoother.request import OUTSET_US, Effort, Problem, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 
 UNBOUND_SPEED = 1e6

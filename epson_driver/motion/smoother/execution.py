@@ -12,8 +12,7 @@ from epson_driver.motion.joint_motion import JointMotion, fastest_stop
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.output_guard import Motion
-from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.request import ActivePlan
+from epson_driver.motion.smoother.request import ActivePlan, Problem
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother.banded import solve_pentadiagonal
-from epson_driver.motion.smoother.problem import NEWTON_STEP_US, ROW_US, Effort
+from epson_driver.motion.smoother.request import NEWTON_STEP_US, ROW_US, Effort
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3

@@ -19,7 +19,7 @@ import numpy as np
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother.interior_point import RELATIVE_TOLERANCE, Program, minimise
 from epson_driver.motion.smoother.limit_usage import LimitUsage
-from epson_driver.motion.smoother.problem import ROUND_US, Problem
+from epson_driver.motion.smoother.request import ROUND_US, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation

@@ -14,8 +14,7 @@ from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoother import optimal, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.path import Knots, Path, line, through
-from epson_driver.motion.smoother.problem import MAX_EFFORT_US, Effort, Problem
-from epson_driver.motion.smoother.request import Plan, Request
+from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 

@@ -9,7 +9,7 @@ from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import calculated
 from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED
 from epson_driver.motion.smoother.path import Path
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.request import Problem
 from epson_driver.motion.smoother.time_parametrisation import (
     State,
     TimeParametrisation,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.request import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7

@@ -4,8 +4,8 @@
 
 import pytest
 
-from epson_driver.driver.servo import arrivals
-from epson_driver.driver.servo.arrivals import (
+from epson_driver.driver.servo import setpoint
+from epson_driver.driver.servo.setpoint import (
     DISCOVERY_S,
     GAP_S,
     MAX_PUBLISHERS,
@@ -69,11 +69,11 @@ def test_number_of_remembered_publishers_is_bounded():
     ],
 )
 def test_arrival_time_is_the_middleware_reception_time(monkeypatch, received, came):
-    monkeypatch.setattr(arrivals.time, 'time', lambda: 1000.0)
-    monkeypatch.setattr(arrivals.time, 'monotonic', lambda: 50.0)
+    monkeypatch.setattr(setpoint.time, 'time', lambda: 1000.0)
+    monkeypatch.setattr(setpoint.time, 'monotonic', lambda: 50.0)
     assert came_at(int(received * 1e9)) == pytest.approx(came)
 
 
 def test_arrival_time_without_reception_time_is_now(monkeypatch):
-    monkeypatch.setattr(arrivals.time, 'monotonic', lambda: 50.0)
+    monkeypatch.setattr(setpoint.time, 'monotonic', lambda: 50.0)
     assert came_at(None) == 50.0
