@@ -50,8 +50,6 @@ NOT_FOUND: Mapping[str, str] = {
     'state.status_with_joints': 'too few messages came',
     'state.message': 'no joints came',
     'state.feedback_time': 'it sends no JOINT_FEEDBACK',
-    'state.in_motion': 'too few STATUS came',
-    'state.motion_possible': 'too few STATUS came',
     'state.errors': 'it takes an error, an E-stop or a lost link to see it',
     'server.full': 'it takes one client more than are served',
     'server.lost_client': 'it takes a motion and a lost client to see it',

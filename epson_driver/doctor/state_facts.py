@@ -16,7 +16,6 @@ from epson_driver.simple_message import (
     Mode,
     Packet,
     Status,
-    TriState,
     ValidFields,
 )
 
@@ -51,9 +50,6 @@ def state_facts(heard: Heard) -> Facts:
     if feedback:
         facts['state.feedback_time'] = any(m.valid_fields & ValidFields.TIME for m in feedback)
     if len(statuses) >= MIN_STATUSES:
-        for name in ('in_motion', 'motion_possible'):
-            known = any(getattr(each, name) != TriState.UNKNOWN for each in statuses)
-            facts[f'state.{name}'] = known
         mode = statuses[-1].mode
         if mode in (Mode.MANUAL, Mode.AUTO):
             facts['mode'] = 'auto' if mode == Mode.AUTO else 'manual'

@@ -104,8 +104,8 @@ class ProgramProfile:
     * `interface`: default trajectory interface of a driver. 'statements': by Remote Ethernet, for
       a controller without a loaded program, which serves only that port.
     * `reply`: JOINT_POSITION with the request's sequence, or only a header of the request's type.
-    * `acknowledge`: when a streamed point is answered: once the arm has accepted it ('taken'),
-      once it has been reached ('done'), or 'default': done point to point, taken in smooth motion.
+    * `acknowledge`: when a streamed point is answered: once the arm has accepted it ('taken'), or
+      'default': point to point once it has been reached, in smooth motion once it is accepted.
     * `check_sequence`, `check_limits`: whether a point with a wrong sequence number, or outside
       the limits, is refused. A point outside the limits that is not refused ends the motion with
       error 4001 when its turn comes.
@@ -131,7 +131,7 @@ class ProgramProfile:
     kind: Literal['points', 'motoman']
     interface: Literal['streaming', 'download', 'statements']
     reply: Literal['sequence', 'header']
-    acknowledge: Literal['default', 'taken', 'done']
+    acknowledge: Literal['default', 'taken']
     check_sequence: bool
     check_limits: bool
     uses: FieldsUsed
@@ -157,8 +157,7 @@ class StateProfile:
     """Messages on the state port: one per slot of `period` s.
 
     After `joint_positions_per_status` slots with the joints, a STATUS follows in its own slot, or
-    together with the last joint message (`status_with_joints`). `in_motion`, `motion_possible`:
-    whether the STATUS fills these fields (otherwise UNKNOWN). `feedback_time`: whether a
+    together with the last joint message (`status_with_joints`). `feedback_time`: whether a
     JOINT_FEEDBACK carries the controller's time. `errors`: 'alarms' reports only the errors that
     need a reset, not rejected requests or an E-stop.
     """
@@ -168,8 +167,6 @@ class StateProfile:
     status_with_joints: bool
     message: Literal['joint_position', 'joint_feedback']
     feedback_time: bool
-    in_motion: bool
-    motion_possible: bool
     errors: Literal['all', 'alarms']
 
 

@@ -4,7 +4,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -181,7 +181,7 @@ def _new_executor(
             motion.accel,
             cp=motion.cp,
             statement_overhead=motion.statement_overhead,
-            acknowledge=_acknowledge(program.acknowledge, 'done'),
+            acknowledge='taken' if program.acknowledge == 'taken' else 'done',
             caps=caps,
             timed=program.uses is FieldsUsed.DURATION or program.kind == 'motoman',
         )
@@ -194,18 +194,10 @@ def _new_executor(
         motion.look_ahead,
         motion.look_ahead_points,
         low_power_limits=caps.limits(limits),
-        acknowledge=_acknowledge(program.acknowledge, 'taken'),
         uses=program.uses,
         speed=motion.speed,
         accel=motion.accel,
     )
-
-
-_Acknowledge = Literal['taken', 'done']
-
-
-def _acknowledge(asked: Literal['default', 'taken', 'done'], usual: _Acknowledge) -> _Acknowledge:
-    return usual if asked == 'default' else asked
 
 
 _NAMES = re.compile(r"^'?#define\s+(\w+)\s", re.MULTILINE)

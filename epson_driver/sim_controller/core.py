@@ -427,7 +427,6 @@ class Controller:
         return state_port.status(
             self.condition,
             self._error if alarms else self.error_number,
-            self.profile.state,
             in_motion=self.in_motion or (self._unattended and self.moving),
             accepts_points=self.program.ready and self.motion_rejection() is None,
         )

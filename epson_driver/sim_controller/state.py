@@ -3,7 +3,6 @@
 """The messages of the state port, and the reasons why the condition permits no motion."""
 
 from epson_driver.motion import Array
-from epson_driver.profiles.profile import StateProfile
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import (
     REGIONS,
@@ -78,15 +77,13 @@ def joint_feedback(position: Array, velocity: Array, now: float | None) -> Joint
 def status(
     condition: Condition,
     error: int,
-    told: StateProfile,
     *,
     in_motion: bool,
     accepts_points: bool,
 ) -> Status:
     """Return the status of a controller that shows `error`.
 
-    accepts_points: whether the controller accepts points in its condition. Fields that the profile
-    omits are UNKNOWN.
+    accepts_points: whether the controller accepts points in its condition.
     """
     none = error == ErrorNumber.NONE
     possible = condition.tasks is Tasks.RUNNING and none and accepts_points
@@ -95,9 +92,9 @@ def status(
         e_stopped=_tri_state(condition.estopped),
         error_code=error,
         in_error=_tri_state(not none),
-        in_motion=_tri_state(in_motion) if told.in_motion else TriState.UNKNOWN,
+        in_motion=_tri_state(in_motion),
         mode=_MODES[condition.mode],
-        motion_possible=_tri_state(possible) if told.motion_possible else TriState.UNKNOWN,
+        motion_possible=_tri_state(possible),
     )
 
 

@@ -49,8 +49,6 @@ SEEN = {
     'state.joint_positions_per_status',
     'state.status_with_joints',
     'state.message',
-    'state.in_motion',
-    'state.motion_possible',
     'server.state_clients',
     'program.kind',
     'io',

@@ -50,9 +50,6 @@ class DeadlineCounters:
 MAX_ATTEMPTS = 10
 """Consecutive failed plans from rest that count as a planner failure."""
 
-ACKNOWLEDGE = ('taken', 'done')
-"""When a point may be acknowledged: when the arm has accepted it, or when it is at rest there."""
-
 Answer = Callable[[Plan | None], None]
 
 INITIAL_LATENCY_S = 0.04
@@ -105,8 +102,7 @@ class Streaming:
     """An arm that moves smoothly through streamed points within its limits.
 
     Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
-    are known ahead of the arm, and none during a hold or while it brakes. With `acknowledge`
-    'done' the arm knows one point at a time and stops at each.
+    are known ahead of the arm, and none during a hold or while it brakes.
 
     `uses` selects the fields of a point. The duration is respected within the limits. Without one,
     the velocity is a fraction of the joints' speed in (0, 1). Without either, the arm is as fast
@@ -119,7 +115,7 @@ class Streaming:
 
     `failed` gets the reason when repeatedly no plan is found at rest, and when the smoother
     prevents the violation of a limit. Raises ValueError unless `start` consists of n finite angles
-    within the limits, and for other values of `acknowledge` and `uses`.
+    within the limits, and for other values of `uses`.
     """
 
     def __init__(
@@ -133,13 +129,10 @@ class Streaming:
         look_ahead_points: int,
         *,
         low_power_limits: JointLimits | None = None,
-        acknowledge: str = 'taken',
         uses: str = FieldsUsed.BOTH,
         speed: float = 1.0,
         accel: float = 1.0,
     ) -> None:
-        if acknowledge not in ACKNOWLEDGE:
-            raise ValueError(f'acknowledge = {acknowledge!r}: must be one of {ACKNOWLEDGE}')
         if uses not in tuple(FieldsUsed):
             raise ValueError(f'uses = {uses!r}: must be one of {tuple(map(str, FieldsUsed))}')
         self.limits = limits
@@ -147,7 +140,6 @@ class Streaming:
         self.speed = speed
         self.accel = accel
         self._power_limits = {False: limits, True: low_power_limits or limits}
-        self._one_by_one = acknowledge == 'done'
         self._uses = FieldsUsed(uses)
         self._latency = PlanningLatency()
         self._planner = planner
@@ -211,8 +203,6 @@ class Streaming:
         """Whether the points ahead are few enough, and the arm is neither paused nor braking."""
         if self._held or self._braking:
             return False
-        if self._one_by_one:
-            return not self.moving
         return (
             self._smoother.points_ahead < self._look_ahead_points
             and self._smoother.look_ahead < self._look_ahead
@@ -220,8 +210,8 @@ class Streaming:
 
     @property
     def done(self) -> bool:
-        """Whether the last accepted point may be acknowledged."""
-        return not (self._one_by_one and self.moving)
+        """Whether the last accepted point may be acknowledged, which is always the case."""
+        return True
 
     def take(self, point: Point) -> None:
         """Accept a point. A sequence of 0 starts a new trajectory from rest.
@@ -232,8 +222,6 @@ class Streaming:
         if point.sequence == 0:
             self._smoother.finish()
         self._smoother.append(point.target, self._duration(point))
-        if self._one_by_one:
-            self._smoother.finish()
         self._goal = point.target
         self._taken += 1
 
@@ -243,7 +231,7 @@ class Streaming:
         It also ends a hold. Return whether the arm was short of the last point and points may have
         been acknowledged.
         """
-        lost = self.moving and not self._braking and not self._one_by_one
+        lost = self.moving and not self._braking
         self._taken = self.begun
         self._smoother.stop()
         self.resume()

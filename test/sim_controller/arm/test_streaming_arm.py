@@ -150,54 +150,6 @@ def test_without_low_power_limits_power_has_no_effect():
 # ---- when a point is answered
 
 
-def test_done_acknowledges_each_point_at_rest():
-    harness = StreamingHarness(acknowledge='done')
-    points = curve_points(8, 0.5)
-    harness.send(points, 0.2)
-    visited = []
-    while harness.arm.moving or harness.waiting:
-        assert harness.arm.done is not harness.arm.moving
-        assert harness.arm.has_room is not harness.arm.moving
-        harness.run(0.001)
-        if not harness.arm.velocity.any():
-            visited.append(harness.arm.position.tolist())
-    for point in points:
-        assert point.tolist() in visited
-    assert harness.arm.done
-    assert_within_limits(harness)
-    assert len(harness.positions) * 0.001 < 7 * (0.2 + 0.2)  # without pauses
-
-
-def test_point_at_the_current_position_is_done_immediately():
-    harness = StreamingHarness(acknowledge='done')
-    harness.send([HOME])
-    assert harness.arm.done
-    assert not harness.arm.moving
-
-
-def test_stop_loses_no_unanswered_point():
-    harness = StreamingHarness(acknowledge='done')
-    harness.send([HOME, FAST[-1]], 1.0)
-    harness.run(0.5)
-    assert harness.arm.moving
-    assert not harness.arm.stop()
-    harness.until_still()
-    assert_within_limits(harness)
-
-
-def test_held_point_is_done_when_the_arm_arrives():
-    harness = StreamingHarness(acknowledge='done')
-    harness.send([HOME, FAST[-1]], 1.0)
-    harness.run(0.5)
-    harness.arm.hold()
-    harness.until_still()
-    assert not harness.arm.done
-    harness.arm.resume()
-    harness.rest()
-    assert harness.arm.done
-    assert harness.arm.position.tolist() == FAST[-1].tolist()
-
-
 def test_accepted_points_are_done():
     harness = StreamingHarness()
     harness.send(FAST)
@@ -244,7 +196,6 @@ def test_speed_changes_the_next_motion():
     ('values', 'sentence'),
     [
         ({'uses': 'all'}, "uses = 'all': must be one of"),
-        ({'acknowledge': 'default'}, "acknowledge = 'default': must be one of"),
         ({'start': np.full(6, 9.0)}, 'the start, joint_1: position 9 is outside the limits'),
     ],
 )

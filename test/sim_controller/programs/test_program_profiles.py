@@ -30,9 +30,7 @@ NAN = math.nan
 # ---- when a point is answered
 
 
-@pytest.mark.parametrize(
-    ('acknowledge', 'at_once'), [('default', False), ('done', False), ('taken', True)]
-)
+@pytest.mark.parametrize(('acknowledge', 'at_once'), [('default', False), ('taken', True)])
 def test_profile_selects_when_a_point_is_answered(acknowledge, at_once):
     harness = ProgramHarness(acknowledge=acknowledge)
     harness.send(point(0, THERE))
