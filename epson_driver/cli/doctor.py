@@ -22,10 +22,9 @@ from rich.table import Table
 from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, Question, check_controller
 from epson_driver.doctor.environment import check_environment
-from epson_driver.doctor.findings import Finding, Findings, Level, as_text
+from epson_driver.doctor.findings import Finding, Findings, Level, as_text, tell_drivers
 from epson_driver.doctor.learning import profile_text, unknown, why_not
 from epson_driver.doctor.state_facts import Facts
-from epson_driver.doctor.why_not import tell_drivers
 from epson_driver.inputs import InputError, number, printable, write_file
 from epson_driver.processes.command import module_command
 from epson_driver.processes.interrupt import INTERRUPTED

@@ -16,7 +16,7 @@ from epson_driver.doctor.asking import (
     count_state_clients,
     why_not_to_ask,
 )
-from epson_driver.doctor.findings import Findings, Level
+from epson_driver.doctor.findings import ARM, Findings, Level, tell_inhibit
 from epson_driver.doctor.learning import differences, tolerance
 from epson_driver.doctor.listening import Conversation, Heard, NoConnectionError, conversation
 from epson_driver.doctor.port_checks import (
@@ -34,7 +34,6 @@ from epson_driver.doctor.state_facts import (
     rhythm,
     state_facts,
 )
-from epson_driver.doctor.why_not import ARM, tell_inhibit
 from epson_driver.driver.inhibit import MAIN_ENDED, Cause, controller_error, seen_inhibit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.profiles import ControllerProfile

@@ -32,7 +32,6 @@ from epson_driver.trace.pcap import Conversation as WireTrace
 from epson_driver.trace.pcap import PcapWriter
 
 CONNECT_TIMEOUT_S = 5.0
-FRAME_HEADER_BYTES = 16
 MAX_KEPT = 100_000
 """Maximum number of packets stored: eight minutes at 200 Hz."""
 

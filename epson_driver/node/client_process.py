@@ -18,8 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
-from epson_driver.node.ros_log import RosLogHandler
-from epson_driver.node.ros_process import RosThread, udp_by_default
+from epson_driver.node.ros_process import RosLogHandler, RosThread, udp_by_default
 from epson_driver.processes.command import raise_priority
 from epson_driver.processes.interrupt import ended_by_signals, ignore_interrupts
 

@@ -35,8 +35,7 @@ from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge, NodeCont
 from epson_driver.node.messages import error_text
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.points_interface import PointsInterface
-from epson_driver.node.ros_log import context_of
-from epson_driver.node.ros_process import RosTimeStamps
+from epson_driver.node.ros_process import RosTimeStamps, context_of
 from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.node.tool_interface import StaticFrames, ToolInterface
 from epson_driver.setup.setup import make_setup

@@ -1,11 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS in this process: the executor's thread, polled subscriptions, stamps, the transport."""
+"""ROS in this process: the executor's thread, polled subscriptions, stamps, transport, log."""
 
+import contextvars
+import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
 from pathlib import Path
 from socket import gethostbyname
 from tempfile import NamedTemporaryFile
@@ -16,9 +19,12 @@ from rcl_interfaces.msg import Log
 from rclpy.clock import Clock
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.utilities import get_rmw_implementation_identifier
+
+from epson_driver.log_lines import PrintableFormatter
 
 MAX_ERRORS = 100
 """Number of executor errors after which the thread ends."""
@@ -229,3 +235,45 @@ def _peer(name: str) -> str:
         return f'<locator><udpv4><address>{gethostbyname(name)}</address></udpv4></locator>'
     except (OSError, UnicodeError) as error:
         raise ValueError(f'ROS_STATIC_PEERS: {name}: {error}') from error
+
+
+_LOGGER: ContextVar[RcutilsLogger] = ContextVar('ros_logger')
+
+
+def context_of(logger: RcutilsLogger) -> contextvars.Context:
+    """Return a context in which records are sent to this rclpy logger."""
+    context = copy_context()
+    context.run(_LOGGER.set, logger)
+    return context
+
+
+class RosLogHandler(logging.Handler):
+    """Sends records of `logging` to the ROS logger of the context, or else to `logger`.
+
+    Several drivers may share a process and an event loop, so the context of their tasks and
+    callbacks identifies the node.
+    """
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        super().__init__()
+        self.setFormatter(PrintableFormatter())
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record. If this fails, write the reason to stderr."""
+        try:
+            self._write(_LOGGER.get(self._logger), self.format(record), record)
+        except Exception:  # noqa: BLE001 - like every handler of `logging`
+            self.handleError(record)
+
+    @staticmethod
+    def _write(logger: RcutilsLogger, text: str, record: logging.LogRecord) -> None:
+        """Write one record. rclpy allows one severity per line of code, so each has a line."""
+        if record.levelno >= logging.ERROR:
+            logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            logger.info(text)
+        else:
+            logger.debug(text)

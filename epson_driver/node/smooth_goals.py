@@ -58,7 +58,7 @@ from epson_driver.node.goal_action import (
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.parameters import declare_rows, undeclared
-from epson_driver.node.ros_log import context_of
+from epson_driver.node.ros_process import context_of
 from epson_driver.node.trajectory_messages import (
     duration_in_s,
     trajectory_from_message,

@@ -15,9 +15,8 @@ from support.examples import one_in
 from epson_driver.doctor import listening
 from epson_driver.doctor.asking import IO_KEYS
 from epson_driver.doctor.controller_checks import Question, check_controller
-from epson_driver.doctor.findings import Findings, Level
+from epson_driver.doctor.findings import ARM, Findings, Level
 from epson_driver.doctor.learning import profile_text, unknown, value_of, why_not
-from epson_driver.doctor.why_not import ARM
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
 from epson_driver.remote_ethernet.client import logged_in

@@ -33,7 +33,7 @@ from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.remedy import Remedy
 from epson_driver.node.node import ClientNode
-from epson_driver.node.ros_log import RosLogHandler
+from epson_driver.node.ros_process import RosLogHandler
 from epson_driver.processes import processes
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.condition.states import Event

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from epson_driver.node.ros_log import RosLogHandler, context_of
+from epson_driver.node.ros_process import RosLogHandler, context_of
 
 
 class Logger:

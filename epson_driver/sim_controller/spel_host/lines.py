@@ -38,7 +38,6 @@ MOST_TURN_RAD = 2.0 * NEAR_WRIST_RAD
 """Maximum deviation of the tool's orientation from its path."""
 
 ON_LINE_M, TRIES = 1e-9, 10
-JOINT_5 = 4
 
 
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, through: bool) -> Array:
