@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where nothing is wrong nothing ends with a closed gate, whatever is asked for and when."""
+"""Without a fault, the gate stays open after any sequence of requests."""
 
 import asyncio
 
@@ -17,10 +17,10 @@ from epson_driver.driver.outcome import End
 from epson_driver.motion import Trajectory
 
 SEQUENCES, BLOCK, SLOW_BLOCKS = 2000, 4, 75
-"""How many are played, so many one after the other with the same arm."""
+"""Number of sequences, of sequences played with one arm, and of blocks in the slow tests."""
 
 LONGEST = 300.0
-"""How long a sequence may take to come to its end, s: a long segment may be as slow as 0.01."""
+"""Maximum duration of a sequence, s: a long segment may run at a factor of 0.01."""
 
 pytestmark = pytest.mark.invariant(5)
 
@@ -44,26 +44,26 @@ async def succeeds(harness, goal):
     return outcome
 
 
-# --- as slow as a point was sent ---------------------------------------------------------------
+# --- slow points ---------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('factor', [0.1, 0.01])
-async def test_a_goal_that_begins_at_a_small_factor_succeeds_when_the_arm_is_there(factor):
-    """The point is sent with the smallest velocity that there is, and the clock knows."""
+async def test_goal_started_at_a_small_factor_succeeds_on_arrival(factor):
+    """The first point has the minimum velocity, which the goal's clock takes into account."""
     async with cell() as (harness, _):
         scale(harness, factor)
         await asyncio.sleep(0.02)
         goal = harness.submit(pose(0.1), step=1.5)
-        began = now()
+        start = now()
         await asyncio.sleep(0.1)
         scale(harness, 1.0)
         await succeeds(harness, goal)
-        assert now() - began < 14.0
+        assert now() - start < 14.0
 
 
 @pytest.mark.slow
-async def test_a_goal_that_is_slow_for_a_moment_succeeds_after_a_stream():
+async def test_briefly_slow_goal_succeeds_after_a_stream():
     async with cell() as (harness, _):
         harness.driver.servo.take(velocities([0.2, *[0.0] * (JOINTS - 1)]))
         await asyncio.sleep(0.9)
@@ -75,8 +75,8 @@ async def test_a_goal_that_is_slow_for_a_moment_succeeds_after_a_stream():
 
 
 @pytest.mark.slow
-async def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
-    """The next point waits, as those before it are slow: no reply is missing then."""
+async def test_goal_after_canceled_goals_with_slow_points_succeeds():
+    """The next point waits for the slow ones, so a missing reply is not a fault."""
     first = [0.1914, -0.0509, -0.2106, 0.226, 0.2207, 0.1201]
     back = [0.1197, -0.0353, 0.0287, 0.3654, 0.011, -0.0386]
     second = [-0.1958, 0.0626, 0.232, 0.2333, 0.0756, 0.1911]
@@ -96,27 +96,27 @@ async def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
         await succeeds(harness, goal)
 
 
-# --- as long as the plan rests -----------------------------------------------------------------
+# --- plans with a rest -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize('smooth', one_in(2, [False, True]))
 @pytest.mark.parametrize('rest', one_in(2, [[7.0], [0.5] * 14]), ids=['one segment', 'many'])
-async def test_a_plan_that_rests_for_longer_than_the_patience_succeeds(smooth, rest):
+async def test_plan_with_a_long_rest_succeeds(smooth, rest):
     async with cell(smooth=smooth) as (harness, _):
-        began = now()
+        start = now()
         times = np.cumsum([0.0, 0.3, *rest, 0.2])
-        ways = [pose(), *[pose(0.1)] * (1 + len(rest)), pose(0.2)]
-        await succeeds(harness, submit(harness, times, ways))
-        assert now() - began > times[-1]
+        path = [pose(), *[pose(0.1)] * (1 + len(rest)), pose(0.2)]
+        await succeeds(harness, submit(harness, times, path))
+        assert now() - start > times[-1]
 
 
-async def test_a_plan_that_ends_with_a_long_rest_succeeds():
+async def test_plan_that_ends_with_a_long_rest_succeeds():
     async with cell() as (harness, _):
-        ways = [pose(), pose(0.1), pose(0.1)]
-        await succeeds(harness, submit(harness, [0.0, 0.3, 7.3], ways))
+        path = [pose(), pose(0.1), pose(0.1)]
+        await succeeds(harness, submit(harness, [0.0, 0.3, 7.3], path))
 
 
-# --- in any order ------------------------------------------------------------------------------
+# --- random sequences ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -126,15 +126,13 @@ async def test_a_plan_that_ends_with_a_long_rest_succeeds():
         for block in range(SEQUENCES // BLOCK)
     ],
 )
-def test_inv5_whatever_is_asked_for_the_gate_stays_open_and_the_next_goal_succeeds(block):
-    """docs/invariants.md, 5."""
-
+def test_inv5_random_requests_keep_the_gate_open_and_the_next_goal_succeeds(block):
     async def check():
         async with cell(smooth=bool(block % 2)) as (harness, controller):
             for number in range(BLOCK):
                 play = Play(harness, controller, np.random.default_rng([block, number]))
                 async with asyncio.timeout(LONGEST):
-                    await play.go_on()
+                    await play.act()
                     await play.end()
                     await until(lambda: not harness.driver.busy and harness.driver.goal_queue.idle)
                 assert harness.gate is None, play

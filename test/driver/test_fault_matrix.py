@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every fault with the controller of every profile, in every phase of a motion.
 
-What is looked at in each cell: test/support/fault_play.py. In the middle of a motion each fault
-meets each profile; of the other phases and interfaces a fourth are slow tests. `make faults` runs
-all, and so does `make soak-tests`.
+test/support/fault_play.py has the checks of each cell. The quick tests have each fault in the
+middle of a motion with each profile. A fourth of the other phases and interfaces are slow tests.
+`make faults` and `make soak-tests` run all.
 """
 
 import pytest
@@ -16,7 +16,7 @@ CELLS = list(cells())
 QUICK = [cell for cell in CELLS if cell.phase == 'moving' and cell.interface == USUAL]
 OTHERS = [cell for cell in CELLS if cell not in QUICK]
 SLOW = 'spel'
-"""The profile that takes several times as long as others: `make test` has two faults of it."""
+"""A slow profile, of which `make test` runs two faults."""
 
 
 def name(cell: Cell) -> str:
@@ -34,7 +34,7 @@ def name(cell: Cell) -> str:
     ],
     ids=name,
 )
-def test_a_fault_in_the_middle_of_a_motion(record_property, cell: Cell) -> None:
+def test_fault_in_the_middle_of_a_motion(record_property, cell: Cell) -> None:
     record_property('fault and profile', (cell.fault, cell.profile))
     run(play(cell))
 
@@ -48,5 +48,5 @@ def test_a_fault_in_the_middle_of_a_motion(record_property, cell: Cell) -> None:
     ],
     ids=name,
 )
-def test_a_fault_in_another_phase_or_by_another_interface(cell: Cell) -> None:
+def test_fault_in_another_phase_or_interface(cell: Cell) -> None:
     run(play(cell))

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver that hangs in mid-motion: the controller stops the arm, and the driver owns up to it.
+"""A driver that stalls in a motion: the controller stops the arm, and the driver reports it.
 
-The driver hangs as a stopped process does (`event_loop.hanging`), in virtual time: the controller,
-and what the driver has in its sockets, go on.
+The driver stalls like a stopped process (`event_loop.hanging`) in virtual time. The controller
+runs, and messages wait in the driver's sockets.
 """
 
 import asyncio
@@ -31,16 +31,16 @@ from epson_driver.sim_controller.faults.faults import parse
 from epson_driver.simple_message import GetVersion, MessageType
 
 TIMEOUTS = {'simulated': 1.0, 'rc700a': 1.0, 'spel': 0.5}
-"""Of the profiles with a watchdog, s: simulations may run on a busy machine. Others have none."""
+"""Client timeouts of the profiles with a watchdog, s. Others have none."""
 
 BRAKING = 0.35
-"""What the arm takes to brake from the speeds here, s, and SPEL+ to see that it must."""
+"""Braking time at the speeds of these tests, s, including the detection by SPEL+."""
 
 LATER = 1.05
-"""The simulated controllers stop the arm after this many time-outs at most."""
+"""Maximum time to the stop of simulated controllers, in timeouts."""
 
-SAID = 'this driver hung for [0-9.]+ s: the controller waits (1|0.5) s for it'
-"""The text of goal and gate then, although the controller reports it on both of its ports."""
+HUNG = 'this driver hung for [0-9.]+ s: the controller waits (1|0.5) s for it'
+"""Text of goal and gate, although the controller reports the timeout on both of its ports."""
 
 KINDS = {
     'smooth': ('simulated', True, 'streaming'),
@@ -56,7 +56,7 @@ FAR = pose(2.0, 0.5, -0.4)
 
 
 class Arm:
-    """Where the controller's arm is, and when it moved last."""
+    """Position of the controller's arm, and the time of its last motion."""
 
     def __init__(self, controller):
         self.moved = now()
@@ -76,7 +76,7 @@ class Arm:
 
 
 class Inbox:
-    """A driver that gets setpoints as from ROS: what comes while it hangs waits for it."""
+    """A driver that receives setpoints like from ROS, and queues them while it stalls."""
 
     def __init__(self, harness):
         self.driver = self.servo = self
@@ -113,13 +113,13 @@ def timeout_of(kind):
 
 
 async def closed(harness):
-    """Return why the gate is closed; the driver had its turn."""
+    """Return the reason of the closed gate."""
     await until(lambda: harness.gate is not None)
     return harness.gate
 
 
 async def works_again(harness, arm):
-    """Nothing moves until `~/enable`; after that a goal succeeds."""
+    """Check that nothing moves before `~/enable`, and that a goal succeeds after it."""
     await asyncio.sleep(0.5)
     at = arm.at
     await asyncio.sleep(1.0)
@@ -138,21 +138,21 @@ async def works_again(harness, arm):
     ('kind', 'points'),
     quickly([('smooth', 12)], product(KINDS, [1, 12])),
 )
-async def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, points):
+async def test_stalled_driver_stops_the_arm_and_its_goal_reports_it(kind, points):
     async with cell(kind) as (harness, _, arm):
-        way = np.linspace(FAR / points, FAR, points)
-        goal = harness.submit(*way, step=10.0 / points)
+        path = np.linspace(FAR / points, FAR, points)
+        goal = harness.submit(*path, step=10.0 / points)
         await harness.until_moving()
         await asyncio.sleep(0.8)
         with hanging():
-            began = now()
+            start = now()
             await asyncio.sleep(2.0)
-            assert arm.moved - began < LATER * timeout_of(kind) + BRAKING
+            assert arm.moved - start < LATER * timeout_of(kind) + BRAKING
             at = arm.at
             assert at[0] < 1.0
         outcome = await goal.end()
         assert outcome.end is End.ABORTED
-        assert re.match(f'this machine is too busy: {SAID}, end other pro', outcome.text), outcome
+        assert re.match(f'this machine is too busy: {HUNG}, end other pro', outcome.text), outcome
         assert outcome.text.startswith(await closed(harness))
         assert np.array_equal(arm.at, at)
         await works_again(harness, arm)
@@ -167,7 +167,7 @@ async def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, point
         several=True,
     ),
 )
-async def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
+async def test_stream_that_continues_through_a_stall_ends(kind, stream):
     def setpoint_at(t):
         return velocities(pose(0.3)) if stream == 'velocities' else positions(pose(0.3 * t))
 
@@ -175,11 +175,11 @@ async def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
         async with sending(Inbox(harness), setpoint_at):
             await until(lambda: arm.at[0] > 0.2)
             with hanging():
-                began = now()
+                start = now()
                 await asyncio.sleep(1.5)
-                assert arm.moved - began < LATER * timeout_of(kind) + BRAKING
+                assert arm.moved - start < LATER * timeout_of(kind) + BRAKING
                 at = arm.at
-            assert re.search(SAID, await closed(harness))
+            assert re.search(HUNG, await closed(harness))
             await asyncio.sleep(1.2)
             assert np.array_equal(arm.at, at)
         await works_again(harness, arm)
@@ -188,8 +188,8 @@ async def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
 @pytest.mark.invariant(3, 5)
 @pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize(('share', 'ends'), [(0.94, False), (1.001, True)])
-async def test_a_stall_ends_the_goal_from_the_time_out_on_and_not_before(kind, share, ends):
-    """Again and again, so that it begins at any time after a heartbeat."""
+async def test_stall_ends_the_goal_only_from_the_timeout_on(kind, share, ends):
+    """Stalls are repeated, so they start at any time after a heartbeat."""
     async with cell(kind) as (harness, _, arm):
         stall = share * timeout_of(kind)
         heartbeat = harness.driver.heartbeat
@@ -201,7 +201,7 @@ async def test_a_stall_ends_the_goal_from_the_time_out_on_and_not_before(kind, s
                 await asyncio.sleep(stall)
             await asyncio.sleep(0.053)
         if ends:
-            assert re.search(SAID, goal.outcome.text), goal.outcome.text
+            assert re.search(HUNG, goal.outcome.text), goal.outcome.text
             assert heartbeat.longest_gap > timeout_of(kind)
             return
         assert goal.outcome.end is End.SUCCEEDED, goal.outcome.text
@@ -210,9 +210,9 @@ async def test_a_stall_ends_the_goal_from_the_time_out_on_and_not_before(kind, s
 
 
 @pytest.mark.parametrize(
-    ('share', 'cause'), [(0.1, 'the driver or the network was held up'), (0.6, SAID)]
+    ('share', 'cause'), [(0.1, 'the driver or the network was held up'), (0.6, HUNG)]
 )
-async def test_a_report_of_the_controller_is_put_down_to_a_stall_if_one_was_seen(share, cause):
+async def test_timeout_reported_by_the_controller_names_a_detected_stall(share, cause):
     async with cell('smooth') as (harness, controller, _):
         goal = harness.submit(FAR, step=10.0)
         await harness.until_moving()
@@ -222,11 +222,11 @@ async def test_a_report_of_the_controller_is_put_down_to_a_stall_if_one_was_seen
         assert re.search(cause, (await goal.end()).text)
 
 
-async def test_the_first_abort_of_a_driver_names_the_remedy():
+async def test_first_abort_of_a_driver_names_the_remedy():
     async with cell('smooth') as (harness, _, arm):
         texts = []
         for _ in range(2):
-            goal = harness.submit(arm.at + 0.5, step=3.0)  # the PING that failed is read first
+            goal = harness.submit(arm.at + 0.5, step=3.0)  # the failed PING is read first
             await harness.until_moving()
             await asyncio.sleep(0.5)
             with hanging():
@@ -235,21 +235,21 @@ async def test_the_first_abort_of_a_driver_names_the_remedy():
             await asyncio.sleep(0.5)
             await harness.commands.enable()
     assert re.match('this machine is too busy: .* higher priority', texts[0]), texts
-    assert re.match(SAID, texts[1]), texts
+    assert re.match(HUNG, texts[1]), texts
 
 
 @pytest.mark.parametrize('kind', one_in(2, ['smooth', 'spel']))
-async def test_a_motion_longer_than_the_time_out_needs_no_more_than_the_heartbeats(kind):
+async def test_long_motion_succeeds_with_heartbeats_alone(kind):
     async with cell(kind) as (harness, _, arm):
         goal = harness.submit(FAR / 2, step=1.5)
         assert (await goal.end()).end is End.SUCCEEDED
         sent = harness.driver.motion_link.statistics.frames_sent
-        await asyncio.sleep(1.0)  # an arm that stands needs none
+        await asyncio.sleep(1.0)  # an arm at rest needs none
         assert harness.driver.motion_link.statistics.frames_sent == sent
         assert (await harness.submit(arm.at + 0.1).end()).end is End.SUCCEEDED
 
 
-async def test_heartbeats_go_before_the_first_point_and_then_twenty_times_in_the_time_out():
+async def test_heartbeats_start_before_the_first_point_and_have_their_period():
     sent = []
 
     async with cell('from point to point') as (harness, _, _arm):
@@ -261,19 +261,19 @@ async def test_heartbeats_go_before_the_first_point_and_then_twenty_times_in_the
         await goal.end()
         await asyncio.sleep(1.0)
     frames = [(at, data) for at, event, data in sent if event is WireEvent.SENT]
-    beats = [at for at, data in frames if data == HEARTBEAT]
+    beats = [time for time, data in frames if data == HEARTBEAT]
     assert frames[0][1] == HEARTBEAT
     assert frames[1][1][4] == MessageType.JOINT_TRAJ_PT
     assert len(beats) > 40
     assert max(np.diff(beats)) < TIMEOUTS['simulated'] / 20 + 0.001
     answers = [data for _, event, data in sent if event is WireEvent.RECEIVED]
-    assert all(each[4] == MessageType.JOINT_POSITION for each in answers)
+    assert all(data[4] == MessageType.JOINT_POSITION for data in answers)
     ((stopped, _),) = [(at, data) for at, data in frames if data[16:20] == STOP]
     assert beats[-1] < stopped + 0.3
 
 
-async def test_a_version_that_was_read_wrongly_is_asked_for_again_by_an_enable(monkeypatch):
-    """The controller has got heartbeats on this motion connection: it stops an arm without."""
+async def test_enable_queries_the_version_again_after_a_wrong_one(monkeypatch):
+    """The controller has received heartbeats on this connection and stops an arm without them."""
     async with cell('from point to point') as (harness, controller, _arm):
         assert (await harness.submit(pose(0.1), step=1.0).end()).end is End.SUCCEEDED
         versions = [(0, 2, 0), (0, 1, 0)]
@@ -287,8 +287,8 @@ async def test_a_version_that_was_read_wrongly_is_asked_for_again_by_an_enable(m
 
 
 @pytest.mark.parametrize(('name', 'timeout'), [('simulated', 0.0), ('generic', 0.5)])
-async def test_no_other_controller_gets_anything_new(name, timeout):
-    """Without the key in the driver's profile, or with a program that does not have it."""
+async def test_other_controllers_receive_no_heartbeats(name, timeout):
+    """Either the driver's profile has no client_timeout, or the program does not support it."""
     sent = []
 
     options = {'client_timeout': timeout}
@@ -307,7 +307,7 @@ async def test_no_other_controller_gets_anything_new(name, timeout):
 
 
 @pytest.mark.parametrize('name', sorted(path.stem for path in PROFILES.glob('*.yaml')))
-def test_only_programs_of_our_own_get_heartbeats(name):
+def test_only_profiles_with_a_watchdog_have_a_client_timeout(name):
     profile = load_controller_profile(name)
     assert profile.server.client_timeout == TIMEOUTS.get(name, 0.0)
     if profile.spel.project:
@@ -322,8 +322,8 @@ def test_only_programs_of_our_own_get_heartbeats(name):
     ('name', 'longest'),
     [('generic', 1.2), ('fanuc', 0.7), ('abb', 3.5), ('motoman', 1.2)],
 )
-async def test_programs_of_others_go_on_with_what_they_have(name, longest):
-    """The table of docs/safety.md; a Motoman's queue is 0.8 s, and one point waits beside it."""
+async def test_other_programs_execute_their_queue_during_a_stall(name, longest):
+    """This is the table of docs/safety.md. A Motoman's queue is 0.8 s and one waiting point."""
     async with cell_of(load_controller_profile(name)) as (harness, controller, _):
         await make_ready(harness, controller)
         await harness.commands.enable()
@@ -332,7 +332,7 @@ async def test_programs_of_others_go_on_with_what_they_have(name, longest):
         await harness.until_moving()
         await asyncio.sleep(0.2)
         with hanging():
-            began = now()
+            start = now()
             await asyncio.sleep(5.0)
-            assert arm.moved - began < longest
+            assert arm.moved - start < longest
             assert (np.abs(arm.at - FAR).max() < 0.01) == (name == 'abb')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What docs/migration.md leads to, and defects of the old client that no other file tests."""
+"""Targets of docs/migration.md, and defects of the old client that no other file tests."""
 
 import re
 import runpy
@@ -14,6 +14,7 @@ from support.driver_harness import (
     frame,
     open_gate,
     pose,
+    scripted_cell,
 )
 from support.event_loop import until
 from support.pages import unwrapped
@@ -29,25 +30,27 @@ PAGE = Path(__file__).parents[2] / 'docs' / 'migration.md'
 
 
 def names_here(title):
-    """Return the names that a section of the page leads to."""
+    """Return the names to which a section of the page maps old names."""
     section = PAGE.read_text('utf-8').split(f'\n## {title}\n')[1].split('\n## ')[0]
     for line in unwrapped(section).splitlines():
         if ' → ' in line:
-            there, _, _ = line.split(' → ')[1].partition(' — ')
-            yield from re.findall(r'`([^`]+)`', there)
+            target, _, _ = line.split(' → ')[1].partition(' — ')
+            yield from re.findall(r'`([^`]+)`', target)
 
 
 @pytest.mark.parametrize('title', ['Topics, services, actions', 'Parameters'])
-def test_what_the_migration_leads_to_is_there(title):
+def test_migration_targets_exist(title):
     make = runpy.run_path(str(PAGE.parent / 'make_tables.py'))
-    there = (PAGE.parent / 'ros_interface.md').read_text('utf-8') + ''.join(make['parameters']())
+    documented = (PAGE.parent / 'ros_interface.md').read_text('utf-8') + ''.join(
+        make['parameters']()
+    )
     names = list(names_here(title))
     assert len(names) > 5
     for name in names:
-        assert f'* `{name}` (' in there
+        assert f'* `{name}` (' in documented
 
 
-def test_the_nodes_that_the_migration_leads_to_are_there():
+def test_migration_target_nodes_exist():
     for name in names_here('Nodes'):
         if ': ' in name:
             parameter, value = name.split(': ')
@@ -58,8 +61,8 @@ def test_the_nodes_that_the_migration_leads_to_are_there():
         assert load_controller_profile(name).name == name
 
 
-async def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
-    """The old library wrote it over the stack."""
+async def test_b1_frame_of_4000_bytes_is_skipped():
+    """The old library overwrote its stack."""
     async with ScriptedController() as controller, Harness(controller.ports) as harness:
         await harness.ready()
         controller.extra = frame(10, 1, 0, bytes(4000 - 12))
@@ -71,8 +74,8 @@ async def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
         assert counted.connections == 1
 
 
-async def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
-    """The old client waited for the 939,524,096 bytes of a small message read the wrong way."""
+async def test_b2_wrong_byte_order_ends_the_connection_with_a_reason():
+    """The old client waited for 939,524,096 bytes, the misread length of a small message."""
     async with ScriptedController() as controller:  # it writes little endian
         async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
             await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
@@ -82,17 +85,15 @@ async def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
             await harness.ready()
 
 
-def test_147_more_than_ten_joints_are_refused_with_the_name_of_the_parameter():
+def test_147_more_than_ten_joints_are_refused():
     names = [f'joint_{number}' for number in range(1, 12)]
     with pytest.raises(ValueError, match='parameter joint_names has 11 names'):
         make_setup({'joint_names': names})
 
 
-async def test_191_the_first_point_leaves_at_once():
-    """No timer, no sleep, no turn of the loop between the goal and its first point."""
-    async with ScriptedController() as controller, Harness(controller.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+async def test_191_first_point_is_sent_immediately():
+    """There is no timer, sleep or loop iteration between the goal and its first point."""
+    async with scripted_cell() as (harness, controller):
         sent = harness.driver.motion_link.statistics.frames_sent
         goal = harness.submit(pose(0.1))
         assert harness.driver.motion_link.statistics.frames_sent == sent + 1
@@ -102,7 +103,7 @@ async def test_191_the_first_point_leaves_at_once():
         await goal.end()
 
 
-async def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
+async def test_motoman_228_trajectory_without_a_joint_state_is_refused():
     controller = ScriptedController()
     controller.shows_joints = False
     async with controller, Harness(controller.ports) as harness:
@@ -125,14 +126,9 @@ async def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
     ],
     ids=['E-stop', 'error', 'motors off'],
 )
-async def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
-    """No reply, no lost link: nothing but the STATUS says it."""
-    async with (
-        ScriptedController(lambda _: b'') as controller,
-        Harness(controller.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_271_status_alone_ends_the_goal_and_closes_the_gate(status, words):
+    """Only the STATUS reports the cause, without a reply or a lost link."""
+    async with scripted_cell(lambda _: b'') as (harness, controller):
         goal = harness.submit(pose(0.1))
         await until(lambda: controller.received)
         controller.status = status

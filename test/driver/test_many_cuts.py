@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver through many cut connections and many goals."""
+"""The driver with many cut connections and many goals."""
 
 import asyncio
 import contextlib
@@ -36,69 +36,69 @@ from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.faults.fault_kinds import parse
 
 CUTS, CELLS = 100, 4
-"""How many there are; robots that are cut at the same time, so that the test is short."""
+"""Number of cuts, and of robots that are cut at the same time to keep the test short."""
 
 SEED = 11000
 PORTS = ('motion', 'state', 'motion+state', 'motion+state+io')
 PLANNED = 0.5
-"""How long a motion takes by its plan, s; with its accelerations it takes longer."""
+"""Planned time of a motion, s. It takes longer with its accelerations."""
 
 LATEST = 1.4
-"""A cut comes this long after its goal at most, s: some goals are at their end by then."""
+"""Maximum time from goal to cut, s: some goals have ended then."""
 
 LONGEST = 0.35
-"""of a cut, s."""
+"""Maximum duration of a cut, s."""
 
 AT_GOAL = 0.01
-"""rad; the tolerance of the goals here."""
+"""Goal tolerance, rad."""
 
-STAYS = 0.03
-"""A connection that is this old was not taken during the cut, to be closed at once, s."""
+SETTLED = 0.03
+"""Age of a connection that was not accepted only to be closed, s."""
 
 WITHIN = 1.5
-"""How soon after the controller's return the links must be back, s."""
+"""Maximum time from the controller's return to both links, s."""
 
 PATIENCE = 100.0
-"""How long a test here may take on a machine that is busy, s."""
+"""Timeout of a test on a busy machine, s."""
 
 
 class History:
-    """Each state of a link, and when it was entered."""
+    """The states of a link and their start times."""
 
     def __init__(self, link):
         self.link = link
         self.steps = []
-        self._tell = link._on_state
+        self._report = link._on_state
         link._on_state = self._on_state
 
     def _on_state(self, state, why):
         self.steps.append((now(), state))
-        self._tell(state, why)
+        self._report(state, why)
 
     @property
     def since(self):
-        """When the present state was entered."""
+        """Return when the current state started."""
         return self.steps[-1][0] if self.steps else 0.0
 
     @property
-    def stays(self):
-        return self.link.connected and now() - self.since >= STAYS
+    def settled(self):
+        return self.link.connected and now() - self.since >= SETTLED
 
     def attempts(self, after):
-        """Return how many attempts to connect began after a time."""
+        """Return how many connection attempts started after a time."""
         return sum(at > after and state is LinkState.CONNECTING for at, state in self.steps)
 
 
 def open_sockets():
     count = 0
-    for each in Path('/proc/self/fd').iterdir():
+    for file in Path('/proc/self/fd').iterdir():
         with contextlib.suppress(FileNotFoundError):  # the directory's own
-            count += str(each.readlink()).startswith('socket:')
+            count += str(file.readlink()).startswith('socket:')
     return count
 
 
 class CutCell:
-    """A driver and its controller, whose links are cut again and again."""
+    """A driver and a controller whose links are cut repeatedly."""
 
     def __init__(self, harness, controller, number):
         self.harness = harness
@@ -111,7 +111,7 @@ class CutCell:
         self.handles = []
 
     async def cut(self):
-        """Let one goal run, cut at a random moment, and look at everything that follows."""
+        """Cut at a random moment of a goal, and check all consequences."""
         harness, controller = self.harness, self.controller
         await harness.commands.enable()
         target = pose(-0.4 if harness.at[0] > 0.0 else 0.4, self.chance.uniform(0.0, 0.2))
@@ -135,7 +135,7 @@ class CutCell:
         harness.events.statuses.clear()
 
     def check_end(self, goal, target, ended_before):
-        """Return how the goal ended; it did so once, and says why."""
+        """Check the goal's outcome; return how it ended."""
         outcome = goal.outcome
         if outcome.end is End.SUCCEEDED:
             assert abs(self.controller.servo.actual - target).max() <= AT_GOAL
@@ -148,30 +148,30 @@ class CutCell:
         return 'aborted: ' + outcome.text.split(' was lost')[0]
 
     async def returned(self, names):
-        """Wait for the controller's return, then for the links: one attempt must do for each."""
+        """Wait for the controller, then for the links, with one attempt for each."""
         faults, driver = self.controller.faults, self.harness.driver
         await until(lambda: not any(faults.rejects(name) for name in names))
-        at = now()
+        start = now()
         histories = [self.histories[name] for name in names]
-        await until(lambda: all(each.stays for each in self.histories.values()))
-        assert all(each.attempts(after=at) <= 1 for each in histories)
-        self.back_after.append(max(0.0, *(each.since - at for each in histories)))
+        await until(lambda: all(history.settled for history in self.histories.values()))
+        assert all(history.attempts(after=start) <= 1 for history in histories)
+        self.back_after.append(max(0.0, *(history.since - start for history in histories)))
         await until(lambda: driver.robot.sample is not None and driver.robot.status is not None)
-        for each in self.histories.values():
-            each.steps.clear()
+        for history in self.histories.values():
+            history.steps.clear()
 
     async def nothing_moves_before_enable(self):
-        """The links are back; the gate is closed, goals are refused, and the arm stands."""
+        """Check that the gate is closed, goals are refused and the arm rests with both links."""
         harness, controller = self.harness, self.controller
         assert 'link was lost' in harness.gate
         await until(lambda: not controller.in_motion and controller.servo.settled)
-        stood = controller.servo.actual.copy()
+        rest = controller.servo.actual.copy()
         refused = harness.submit(pose(0.1))
         assert refused.outcome.code is ErrorCode.INVALID_GOAL
         assert 'link was lost' in refused.outcome.text
         samples = len(harness.events.samples)
         await until(lambda: len(harness.events.samples) > samples + 5)
-        assert np.array_equal(controller.servo.actual, stood)
+        assert np.array_equal(controller.servo.actual, rest)
         assert not controller.moving
 
     def check_nothing_is_kept(self):
@@ -179,16 +179,15 @@ class CutCell:
         assert driver.goal_queue.idle
         assert not driver.changed.waiting
         gc.collect()
-        assert [each for each in self.handles if each() is not None] == []
+        assert all(handle() is None for handle in self.handles)
 
 
 @pytest.mark.invariant(4)
 @pytest.mark.slow
-def test_so_many_cuts_are_so_many_clean_outcomes():
-    """docs/invariants.md, 4: and nothing moves before enable.
+def test_inv4_100_cuts_end_their_goals_cleanly_and_move_nothing():
+    """A link retries at most `max(BACK_OFF)` s after the previous attempt.
 
-    A link tries again at most `max(BACK_OFF)` s after the attempt before; the test shows that the
-    first attempt after the controller's return succeeds, and prints how long that took.
+    The first attempt after the controller's return succeeds. The test prints its time.
     """
     assert max(BACK_OFF) < WITHIN
     ends, back_after = Counter(), []
@@ -196,25 +195,25 @@ def test_so_many_cuts_are_so_many_clean_outcomes():
     async def scenario():
         async with cell() as one, cell() as two, cell() as three, cell() as four:
             cells = [CutCell(*each, number) for number, each in enumerate((one, two, three, four))]
-            await asyncio.sleep(0.1)  # what enabling opened is closed
+            await asyncio.sleep(0.1)  # connections of ~/enable are closed
             tasks, sockets = len(asyncio.all_tasks()), open_sockets()
 
-            async def all_cuts(each):
+            async def all_cuts(one):
                 for _ in range(CUTS // CELLS):
-                    await each.cut()
+                    await one.cut()
 
             async with asyncio.TaskGroup() as group:
-                for each in cells:
-                    group.create_task(all_cuts(each))
+                for one in cells:
+                    group.create_task(all_cuts(one))
             await asyncio.sleep(0.1)
             assert len(asyncio.all_tasks()) == tasks, asyncio.all_tasks()
             assert open_sockets() <= sockets
-            for each in cells:
-                each.check_nothing_is_kept()
-                ends.update(each.ends)
-                back_after.extend(each.back_after)
+            for one in cells:
+                one.check_nothing_is_kept()
+                ends.update(one.ends)
+                back_after.extend(one.back_after)
 
-    gc.collect()  # what tests before this one left in cycles
+    gc.collect()  # cycles left by earlier tests
     before = open_sockets()
     run(scenario(), PATIENCE)
     assert open_sockets() <= before
@@ -222,7 +221,7 @@ def test_so_many_cuts_are_so_many_clean_outcomes():
     for text, count in sorted(ends.items()):
         print(f'{count:3} {text}')
     quantiles = np.quantile(back_after, [0.0, 0.5, 0.9, 0.99, 1.0])
-    within = sum(each <= WITHIN for each in back_after)
+    within = sum(seconds <= WITHIN for seconds in back_after)
     print(f'{within} of {CUTS} within {WITHIN:g} s of the return')
     print('back after, s (least, median, 90 %, 99 %, most):', *(f'{q:.3f}' for q in quantiles))
     assert len([text for text in ends if text.startswith('aborted')]) == 2, 'both links were cut'
@@ -231,14 +230,14 @@ def test_so_many_cuts_are_so_many_clean_outcomes():
 POINTS = 10_000
 FIRST = 1_000
 STEP = 2e-6
-"""From point to point, rad: so small that a point takes a few ms."""
+"""Distance between points, rad: a point takes a few ms."""
 
 OBJECTS = 0.25
-"""Python objects that the process may keep for each point after the first 1,000; a message alone
-is several."""
+"""Maximum growth after the first 1,000 points, Python objects for each point. A message alone is
+several."""
 
 GROWTH = 4e6
-"""By how much the process may grow after the first 1,000 points, bytes: 450 for each point."""
+"""Maximum growth of the process after the first 1,000 points, bytes: 450 for each point."""
 
 
 def resident():
@@ -247,8 +246,8 @@ def resident():
 
 
 @pytest.mark.slow
-def test_a_goal_of_10000_points_streams_without_growth(caplog):
-    caplog.set_level('ERROR')  # pytest keeps every record, and a busy machine makes many
+def test_goal_of_10000_points_streams_without_memory_growth(caplog):
+    caplog.set_level('ERROR')  # pytest stores every record
 
     async def scenario():
         async with simulated(profile='generic') as (_, ports), Harness(ports) as harness:
@@ -258,8 +257,8 @@ def test_a_goal_of_10000_points_streams_without_growth(caplog):
             goal = harness.submit(*points, step=0.001, tolerance=100 * STEP)
             execution = goal.handle.execution
 
-            def kept():
-                """Return objects and bytes in use, without the test's own records."""
+            def used_memory():
+                """Return objects and bytes in use without the test's records."""
                 harness.events.samples.clear()
                 harness.events.statuses.clear()
                 goal.feedback.clear()
@@ -270,9 +269,9 @@ def test_a_goal_of_10000_points_streams_without_growth(caplog):
             for count in range(FIRST, POINTS + 1, FIRST):
                 while execution.point < count and not goal.outcomes:  # noqa: ASYNC110 - as `until`
                     await asyncio.sleep(0.02)
-                used.append(kept())
+                used.append(used_memory())
             outcome = await goal.end()
-            objects, size = (np.subtract(each, each[0]) for each in zip(*used, strict=True))
+            objects, size = (np.subtract(values, values[0]) for values in zip(*used, strict=True))
             print(outcome.text)
             print('objects more than after the first 1,000 points:', *objects)
             print('KiB more:', *(size // 1024))
@@ -288,10 +287,10 @@ def test_a_goal_of_10000_points_streams_without_growth(caplog):
 GOALS = 100
 
 KEPT = 2
-"""How long a result is kept here, s."""
+"""Time for which a result is available, s."""
 
 KINDS = ('cut', 'executed', 'executed', *['refused'] * 7)
-"""What becomes of the goals, in turn."""
+"""Kinds of goals, in turn."""
 
 EXPECTED = {
     'cut': (GoalStatus.STATUS_ABORTED, 'link was lost'),
@@ -301,7 +300,7 @@ EXPECTED = {
 
 
 class User:
-    """A client node with its driver, and a user's node with an action client; both are served."""
+    """A client node with its driver, and a user's node with an action client, in one executor."""
 
     def __init__(self, ports):
         self._context = rclpy.Context()
@@ -337,7 +336,7 @@ class User:
         self._context.try_shutdown()
 
     async def enable(self):
-        """Wait for the controller, and enable the arm."""
+        """Wait for the controller and enable the arm."""
         driver = self.client.driver
         await until(
             lambda: (
@@ -350,7 +349,7 @@ class User:
         await ArmCommands(driver).enable()
 
     async def send(self, positions):
-        """Send a goal of one point; return a future of its status and sentence."""
+        """Send a goal of one point; return a future of its status and error text."""
         loop = asyncio.get_running_loop()
         accepted, done = loop.create_future(), loop.create_future()
         point = JointTrajectoryPoint(positions=positions)
@@ -360,15 +359,15 @@ class User:
             trajectory=JointTrajectory(joint_names=names, points=[point])
         )
 
-        def tell(future):
+        def report(future):
             answer = future.result()
             loop.call_soon_threadsafe(done.set_result, (answer.status, answer.result.error_string))
 
         def on_accepted(future):
-            future.result().get_result_async().add_done_callback(tell)
+            future.result().get_result_async().add_done_callback(report)
             loop.call_soon_threadsafe(accepted.set_result, None)
 
-        def send():  # in the thread that takes the answer, or that could come too early
+        def send():  # in the executor's thread, so the answer cannot arrive too early
             self.action.send_goal_async(goal).add_done_callback(on_accepted)
 
         self._executor.create_task(send)
@@ -378,7 +377,7 @@ class User:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures('patient_driver')
-def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
+def test_no_goal_handle_remains_after_100_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setattr(goal_server, 'RESULT_TIMEOUT_S', KEPT)
 
@@ -406,7 +405,7 @@ def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
                     assert driver.gate.reason is not None
                     await until(lambda: not controller.faults.active())
                     await user.enable()
-            assert server._goal_handles  # for who asks late
+            assert server._goal_handles  # results are still available
             await until(lambda: not server._goal_handles)
             assert not server._result_futures
             assert not user.client.goal_server.busy

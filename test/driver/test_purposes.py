@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What forbids each purpose, and in which order: all is wrong, and mended one by one."""
+"""The inhibits of each purpose, in their order: all apply at first and are removed one by one."""
 
 from types import SimpleNamespace as Fake
 
@@ -18,7 +18,7 @@ CLOSED = (
     'NO_STATE_LINK NO_JOINTS NO_STATUS STOP_FAILED NO_MOTION_LINK SECOND_DRIVER ESTOP '
     'MANUAL_MODE NOT_ENABLED'
 )
-"""What is told to all while the arm gate is closed."""
+"""Inhibits of every purpose while the arm gate is closed."""
 
 ORDER = {
     Purpose.REPORT: f'{CLOSED} MOTORS_OFF MAIN_ENDED PAUSED',
@@ -39,7 +39,7 @@ ORDER = {
 
 
 def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> WhyNot:
-    """Return one for a driver of which some things are wrong."""
+    """Return the table of a driver to which these causes apply."""
 
     def link(name: str, cause: Cause) -> Fake:
         connected = cause not in wrong
@@ -92,8 +92,8 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Why
     )
 
 
-def found(purpose: Purpose, **options: bool) -> list[str]:
-    """Return what forbids a purpose, one after the other as each is mended."""
+def inhibits(purpose: Purpose, **options: bool) -> list[str]:
+    """Return the inhibits of a purpose in the order in which removal reveals them."""
     wrong, causes = set(Cause), []
     while (inhibit := table(wrong, **options)(purpose, NOW)) is not None:
         causes.append(inhibit.cause.name)
@@ -103,14 +103,14 @@ def found(purpose: Purpose, **options: bool) -> list[str]:
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('purpose', Purpose)
-def test_inv4_each_fact_forbids_its_purposes_in_one_order(purpose: Purpose) -> None:
-    assert found(purpose) == ORDER[purpose].split()
+def test_inv4_causes_inhibit_each_purpose_in_a_fixed_order(purpose: Purpose) -> None:
+    assert inhibits(purpose) == ORDER[purpose].split()
 
 
-def test_an_idle_arm_stays_enabled_where_main_has_ended() -> None:
-    assert 'MAIN_ENDED' not in found(Purpose.RUN, busy=False)
+def test_idle_arm_stays_enabled_when_main_has_ended() -> None:
+    assert 'MAIN_ENDED' not in inhibits(Purpose.RUN, busy=False)
 
 
-def test_a_controller_that_resumes_gets_a_goal_while_it_is_paused() -> None:
-    assert 'PAUSED' not in found(Purpose.START, resumes=True)
-    assert 'PAUSED' in found(Purpose.REPORT, resumes=True)
+def test_controller_that_resumes_accepts_a_goal_while_paused() -> None:
+    assert 'PAUSED' not in inhibits(Purpose.START, resumes=True)
+    assert 'PAUSED' in inhibits(Purpose.REPORT, resumes=True)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A lower speed is lower at the arm, and a pause pauses, on every kind of controller.
+"""Speed scaling and pauses on every kind of controller.
 
-The speeds are measured at the simulated arm, step by step, and not derived from messages.
+The speeds are measured at the simulated arm in each step, and not derived from messages.
 """
 
 import asyncio
@@ -11,69 +11,76 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, pose, smooth_on_the_spot
+from support.driver_harness import (
+    HOME,
+    JOINTS,
+    LIMITS,
+    Submitted,
+    options_of,
+    pose,
+    smooth_on_the_spot,
+)
 from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
 from support.streams import sending, velocities
 
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
 from epson_driver.driver.goal.planned_speed import PlannedSpeed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
-from epson_driver.setup.setup import profile_defaults
 from epson_driver.share import share_folder
 from epson_driver.sim_controller.condition.states import Event
 
 PROFILES = sorted(path.stem for path in share_folder('config', 'controllers').glob('*.yaml'))
 
 WINDOW_S = 0.1
-"""Speeds are means over this time, s: two points of the fastest controller."""
+"""Period over which speeds are averaged, s: two points of the fastest controller."""
 
 
-def smooth_way(duration, way=0.15, count=11):
-    """Return a planned way of joint 1 from HOME and back, as a planner makes it."""
+def back_and_forth(duration, distance=0.15, count=11):
+    """Return a smooth plan of joint 1 from HOME and back."""
     share = np.linspace(0.0, 1.0, count)
     bump = 16 * share**2 * (1 - share) ** 2
     rate = 32 * share * (1 - share) * (1 - 2 * share)
-    positions, velocities = np.outer(bump, pose(way)), np.outer(rate, pose(way)) / duration
+    end = pose(distance)
+    positions, velocities = np.outer(bump, end), np.outer(rate, end) / duration
     return Trajectory(LIMITS.names, share * duration, positions, velocities)
 
 
-def one_point(duration, way=0.15):
-    """Return a plan to one point, which Remote Ethernet takes too."""
-    return Trajectory(LIMITS.names, np.array([duration]), pose(way)[None, :])
+def one_point(duration, distance=0.15):
+    """Return a plan to one point, which Remote Ethernet accepts too."""
+    return Trajectory(LIMITS.names, np.array([duration]), pose(distance)[None, :])
 
 
 class Speedometer:
-    """Records where the arm is at each step of the controller."""
+    """Records the arm's position at each step of the controller."""
 
     def __init__(self, controller):
-        self.times, self.places = [now()], [where(controller)]
+        self.times, self.positions = [now()], [where(controller)]
         step = controller.step
 
         def recorded(seconds):
             step(seconds)
             self.times.append(self.times[-1] + seconds)
-            self.places.append(where(controller))
+            self.positions.append(where(controller))
 
         controller.step = recorded
 
     @property
     def peak(self):
         """Return the highest mean speed over WINDOW_S, rad/s."""
-        times, places = np.array(self.times), np.array(self.places)
+        times, positions = np.array(self.times), np.array(self.positions)
         ends = np.searchsorted(times, times + WINDOW_S)
         inside = np.flatnonzero(ends < len(times))
-        moved = np.abs(places[ends[inside]] - places[inside]).max(axis=1)
+        moved = np.abs(positions[ends[inside]] - positions[inside]).max(axis=1)
         return float(np.max(moved / WINDOW_S, initial=0.0))
 
 
 @contextlib.asynccontextmanager
 async def robot(name, smoothing=None):
-    """Run an enabled driver with the defaults of a profile, and its controller."""
+    """Run an enabled driver with a profile's defaults and its controller; yield both."""
     profile = load_controller_profile(name)
     settings = GoalSettings(cause_timeout=cause_timeout(profile.state))
     smoothing = smoothing or usual_smoothing(profile.program)
@@ -97,7 +104,7 @@ def submit(harness, trajectory):
 
 
 async def executed(name, trajectory, factor=1.0):
-    """Return the outcome of a plan and the arm's highest speed, or the text of a refusal."""
+    """Return the text of a refusal and the arm's peak speed, rad/s."""
     async with robot(name) as (harness, controller):
         speedometer = Speedometer(controller)
         try:
@@ -116,24 +123,25 @@ async def executed(name, trajectory, factor=1.0):
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize(
     ('name', 'plan'),
-    [(name, one_point if name == 'remote' else smooth_way) for name in PROFILES]
+    [(name, one_point if name == 'remote' else back_and_forth) for name in PROFILES]
     + [(name, one_point) for name in ('abb', 'generic', 'motoman', 'spel')],
 )
-async def test_inv10_a_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name, plan):
-    """By the speed scaling, and by a plan that is ten times as slow, as MoveIt makes it."""
+async def test_inv10_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name, plan):
+    """It is reached by the speed scaling or by a plan that is ten times as slow."""
     refused, usual = await executed(name, plan(0.5))
     if refused:
         assert name == 'fanuc'
     for trajectory, factor in ((plan(0.5), 0.1), (plan(5.0), 1.0)):
-        why, peak = await executed(name, trajectory, factor)
-        if why:
-            assert any(word in why for word in ('override', 'Remote Ethernet', 'least that')), why
+        refusal, peak = await executed(name, trajectory, factor)
+        if refusal:
+            words = ('override', 'Remote Ethernet', 'least that')
+            assert any(word in refusal for word in words), refusal
         else:
             assert 0.05 * usual <= peak <= 0.15 * usual
 
 
-async def jogged(name, factor, speed=0.2, refused=''):
-    """Return the arm's highest speed in a stream of velocities, of joint 1, rad/s."""
+async def jogged(name, factor, speed=0.2, refusal=''):
+    """Return the arm's peak speed, rad/s, in a velocity stream of joint 1."""
     async with robot(name) as (harness, controller):
         period = load_controller_profile(name).program.setpoint_period
         harness.driver.servo.settings = replace(harness.driver.servo.settings, period=period)
@@ -141,23 +149,23 @@ async def jogged(name, factor, speed=0.2, refused=''):
         if factor != 1.0:
             harness.driver.goal_queue.set_speed(factor)
         for _ in range(75):
-            why = harness.driver.servo.take(velocities(pose(speed))) or ''
-            assert (refused in why) if refused else not why
+            reason = harness.driver.servo.take(velocities(pose(speed))) or ''
+            assert (refusal in reason) if refusal else not reason
             await asyncio.sleep(0.02)
         return speedometer.peak
 
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize('name', ['simulated', 'generic', 'spel'])
-async def test_inv10_a_stream_at_a_tenth_is_a_tenth_at_the_arm(name):
-    speed = 2.0 if name == 'spel' else 0.2  # SPEL+ has no speed below 1 % of the joint limits
+async def test_inv10_stream_at_a_tenth_of_the_speed_is_a_tenth_at_the_arm(name):
+    speed = 2.0 if name == 'spel' else 0.2  # the minimum of SPEL+ is 1 % of the joint limits
     assert 0.05 * speed <= await jogged(name, 0.1, speed) <= 0.15 * speed
 
 
 @pytest.mark.invariant(10)
-@pytest.mark.parametrize(('name', 'why'), [('fanuc', 'override'), ('remote', 'no streams')])
-async def test_inv10_a_stream_without_a_speed_of_its_own_is_refused(name, why):
-    assert await jogged(name, 1.0, refused=why) == 0.0
+@pytest.mark.parametrize(('name', 'refusal'), [('fanuc', 'override'), ('remote', 'no streams')])
+async def test_inv10_stream_is_refused_if_the_controller_ignores_speeds(name, refusal):
+    assert await jogged(name, 1.0, refusal=refusal) == 0.0
 
 
 # --- pauses -----------------------------------------------------------------------------------
@@ -165,21 +173,21 @@ async def test_inv10_a_stream_without_a_speed_of_its_own_is_refused(name, why):
 OBEYS_STOP = [name for name in PROFILES if name not in ('abb', 'remote')]
 
 SLOW = 0.05
-"""Share of the velocity limit in the pauses here."""
+"""Share of the velocity limit during the pauses."""
 
 SPEED = SLOW * float(LIMITS.velocity[0])
-WAY = np.linspace(0.0, 1.0, 41)
+FRACTIONS = np.linspace(0.0, 1.0, 41)[1:]
 
 
-def slow_way(name):
-    """Return a way of joint 1 at SLOW, or as fast as a controller of that kind always is."""
+def slow_path(name):
+    """Return a plan of joint 1 at SLOW, or at the fixed speed of a controller that has one."""
     share = 0.2 if name == 'fanuc' else SLOW
-    times = 0.2 + (WAY[1:] + 1.0 - np.cos(np.pi * WAY[1:] / 4)) / (share * LIMITS.velocity[0])
-    return Trajectory(LIMITS.names, times, np.array([pose(place) for place in WAY[1:]]))
+    time = 0.2 + (FRACTIONS + 1.0 - np.cos(np.pi * FRACTIONS / 4)) / (share * LIMITS.velocity[0])
+    return Trajectory(LIMITS.names, time, np.array([pose(value) for value in FRACTIONS]))
 
 
-async def paused_on_the_way(harness, controller, trajectory, at=0.25):
-    """Submit a goal, and pause it when joint 1 is there; return it and the arm's place then."""
+async def paused_in_motion(harness, controller, trajectory, at=0.25):
+    """Submit a goal and pause it when joint 1 passes `at`; return it and the arm's position."""
     goal = submit(harness, trajectory)
     await until(lambda: where(controller)[0] > at)
     here = where(controller)
@@ -189,47 +197,47 @@ async def paused_on_the_way(harness, controller, trajectory, at=0.25):
 
 @pytest.mark.invariant(3, 10)
 @pytest.mark.parametrize('name', OBEYS_STOP)
-async def test_inv10_a_pause_brakes_and_the_rest_goes_through_the_same_points(name):
+async def test_inv10_pause_stops_and_the_rest_passes_the_same_points(name):
     async with robot(name) as (harness, controller):
-        goal, here = await paused_on_the_way(harness, controller, slow_way(name))
-        began = now()
+        goal, here = await paused_in_motion(harness, controller, slow_path(name))
+        start = now()
         await standing(controller)
-        assert now() - began < 0.7  # 0.3 s, braking, and how long a standstill takes to be seen
+        assert now() - start < 0.7  # 0.3 s, braking, and detection of rest
         stopped = where(controller)
-        most = 0.05 if name != 'fanuc' else 0.2
-        assert 0.0 <= stopped[0] - here[0] < most
+        limit = 0.05 if name != 'fanuc' else 0.2
+        assert 0.0 <= stopped[0] - here[0] < limit
         await until(lambda: goal.handle.execution.state.value == 'paused')
-        await asyncio.sleep(6.0)  # longer than any patience
+        await asyncio.sleep(6.0)  # longer than any timeout
         np.testing.assert_array_equal(where(controller), stopped)
         assert not goal.outcomes
         speedometer = Speedometer(controller)
         harness.driver.goal_queue.set_speed(1.0)
         outcome = await goal.end()
         assert outcome.end is End.SUCCEEDED, outcome.text
-        places = np.array(speedometer.places)
-        assert places[:, 0].min() > stopped[0] - 1e-3  # no step back
-        assert np.abs(places[:, 1:]).max() < 1e-3
-        np.testing.assert_allclose(places[-1], pose(1.0), atol=2e-3)
+        path = np.array(speedometer.positions)
+        assert path[:, 0].min() > stopped[0] - 1e-3  # no step back
+        assert np.abs(path[:, 1:]).max() < 1e-3
+        np.testing.assert_allclose(path[-1], pose(1.0), atol=2e-3)
         assert speedometer.peak < 1.3 * SPEED or name == 'fanuc'
 
 
-def to_and_fro(count, share, way=0.2):
-    """Return a way of joint 1 to a place and back, `count` times each."""
-    places = np.tile([0.0, way], count + 1)[: 2 * count + 1]
-    times = np.arange(len(places)) * way / (share * LIMITS.velocity[0])
-    return Trajectory(LIMITS.names, times, np.array([pose(place) for place in places]))
+def to_and_fro(count, share, distance=0.2):
+    """Return a plan of joint 1 to `distance` and back, `count` times each."""
+    path = np.tile([0.0, distance], count + 1)[: 2 * count + 1]
+    times = np.arange(len(path)) * distance / (share * LIMITS.velocity[0])
+    return Trajectory(LIMITS.names, times, np.array([pose(position) for position in path]))
 
 
-def visits(places, way=0.2):
-    """Return how often joint 1 came to the far end after it was at the near one, and back."""
-    ends = [place > way / 2 for place in places if not way * 0.15 < place < way * 0.85]
-    return int(np.count_nonzero(np.diff(ends)))
+def turns(path, distance=0.2):
+    """Return how often joint 1 changed between both ends."""
+    far = [at > distance / 2 for at in path if not distance * 0.15 < at < distance * 0.85]
+    return int(np.count_nonzero(np.diff(far)))
 
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize('at', [0.1, 0.45, 0.8])
 @pytest.mark.parametrize(
-    ('name', 'share', 'smoothing', 'most'),
+    ('name', 'share', 'smoothing', 'max_turns'),
     [
         ('fanuc', 0.2, None, 10),
         ('fanuc', 0.2, Smoothing(0.05), 8),
@@ -237,10 +245,10 @@ def visits(places, way=0.2):
         ('simulated', 0.05, None, 8),
     ],
 )
-async def test_inv10_no_point_of_a_way_to_and_fro_is_skipped_after_a_pause(
-    name, share, smoothing, most, at, monkeypatch
+async def test_inv10_pause_skips_no_point_of_a_path_to_and_fro(
+    name, share, smoothing, max_turns, at, monkeypatch
 ):
-    """Paused on the way, and, where the rest is planned first, once more while it is."""
+    """The goal pauses in motion and again, where the rest is replanned, during planning."""
     smooth_on_the_spot(monkeypatch, delay=0.2)
     plan = to_and_fro(4, share)
     async with robot(name, smoothing) as (harness, controller):
@@ -263,25 +271,22 @@ async def test_inv10_no_point_of_a_way_to_and_fro_is_skipped_after_a_pause(
             await until(lambda: goal.handle.execution.state.value != 'paused')
         outcome = await goal.end()
         assert outcome.end is End.SUCCEEDED, outcome.text
-        turns = visits(np.array(speedometer.places)[:, 0])
-        assert 8 <= turns <= most
+        assert 8 <= turns(np.array(speedometer.positions)[:, 0]) <= max_turns
         assert min(times) >= 0.0
-        if name != 'fanuc':  # whose clock is not that of the arm
+        if name != 'fanuc':  # its clock is not the arm's
             assert np.diff(times).min() > -0.3
 
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize(('name', 'slow'), [('fanuc', 0.01), ('spel', 0.009)])
-async def test_inv10_a_plan_that_was_accepted_is_resumed_in_its_slow_part(name, slow, monkeypatch):
-    """Its rest alone would be refused as slower than the controller."""
+async def test_inv10_accepted_plan_resumes_in_its_slow_part(name, slow, monkeypatch):
+    """The rest alone would be refused as slower than the controller can move."""
     smooth_on_the_spot(monkeypatch)
-    places = np.array([0.0, 0.3, 0.33])
-    times = np.append(
-        0.0, np.cumsum(np.diff(places) / (np.array((0.2, slow)) * LIMITS.velocity[0]))
-    )
-    way = Trajectory(LIMITS.names, times, np.array([pose(place) for place in places]))
+    path = np.array([0.0, 0.3, 0.33])
+    times = np.append(0.0, np.cumsum(np.diff(path) / (np.array((0.2, slow)) * LIMITS.velocity[0])))
+    plan = Trajectory(LIMITS.names, times, np.array([pose(position) for position in path]))
     async with robot(name) as (harness, controller):
-        goal, _ = await paused_on_the_way(harness, controller, way, at=0.302)
+        goal, _ = await paused_in_motion(harness, controller, plan, at=0.302)
         for _ in range(2):
             await until(lambda: goal.handle.execution.state.value == 'paused')
             harness.driver.goal_queue.set_speed(1.0)
@@ -296,7 +301,7 @@ async def test_inv10_a_plan_that_was_accepted_is_resumed_in_its_slow_part(name, 
 
 @pytest.mark.invariant(3, 10)
 @pytest.mark.parametrize('name', ['simulated', 'generic', 'spel'])
-async def test_inv10_a_pause_stops_a_stream_which_continues_after_it(name):
+async def test_inv10_pause_stops_a_stream_until_it_ends(name):
     async with robot(name) as (harness, controller):
         period = load_controller_profile(name).program.setpoint_period
         harness.driver.servo.settings = replace(harness.driver.servo.settings, period=period)
@@ -315,7 +320,7 @@ async def test_inv10_a_pause_stops_a_stream_which_continues_after_it(name):
         assert harness.gate is None
 
 
-async def test_a_goal_that_comes_in_a_pause_starts_after_it():
+async def test_goal_submitted_in_a_pause_starts_after_it():
     async with robot('simulated') as (harness, controller):
         harness.driver.goal_queue.set_speed(0.0)
         goal = submit(harness, one_point(0.5))
@@ -329,16 +334,16 @@ async def test_a_goal_that_comes_in_a_pause_starts_after_it():
 @pytest.mark.invariant(4, 5)
 @pytest.mark.parametrize('when', ['pausing', 'paused'])
 @pytest.mark.parametrize('event', ['cancel', 'stop', 'disable', 'new goal', 'e_stop', 'cut'])
-async def test_inv4_nothing_that_was_paused_resumes_after_it_was_ended(event, when):
+async def test_inv4_paused_goal_that_has_ended_does_not_resume(event, when):
     async with robot('simulated') as (harness, controller):
-        goal, _ = await paused_on_the_way(harness, controller, slow_way('simulated'))
+        goal, _ = await paused_in_motion(harness, controller, slow_path('simulated'))
         execution = goal.handle.execution
         if when == 'paused':
             await until(lambda: execution.state.value == when)
         if event == 'cancel':
             harness.driver.goal_queue.cancel(goal.handle)
         elif event == 'new goal':
-            other = submit(harness, one_point(1.0, way=0.3))
+            other = submit(harness, one_point(1.0, distance=0.3))
         elif event == 'e_stop':
             controller.apply(Event.ESTOP_PRESS)
         elif event == 'cut':
@@ -365,9 +370,9 @@ async def test_inv4_nothing_that_was_paused_resumes_after_it_was_ended(event, wh
 
 
 @pytest.mark.invariant(1)
-async def test_inv1_an_arm_that_was_moved_in_the_pause_does_not_resume():
+async def test_inv1_arm_moved_during_a_pause_does_not_resume():
     async with robot('simulated') as (harness, controller):
-        goal, _ = await paused_on_the_way(harness, controller, slow_way('simulated'))
+        goal, _ = await paused_in_motion(harness, controller, slow_path('simulated'))
         await until(lambda: goal.handle.execution.state.value == 'paused')
         execution = goal.handle.execution
         execution._paused_at = execution._paused_at - pose(0.1)
@@ -378,10 +383,10 @@ async def test_inv1_an_arm_that_was_moved_in_the_pause_does_not_resume():
         assert 'during the pause: the limit is 0.02 rad' in outcome.text
 
 
-async def test_pause_and_resume_at_any_time_end_in_one_success():
+async def test_random_pauses_end_in_one_success():
     rng = np.random.default_rng(1)
     async with robot('simulated') as (harness, _):
-        goal = submit(harness, slow_way('simulated'))
+        goal = submit(harness, slow_path('simulated'))
         for _ in range(12):
             await asyncio.sleep(float(rng.uniform(0.0, 0.5)))
             harness.driver.goal_queue.set_speed(float(rng.choice([0.0, 0.0, 0.5, 1.0])))
@@ -392,15 +397,13 @@ async def test_pause_and_resume_at_any_time_end_in_one_success():
 
 
 @pytest.mark.parametrize(
-    ('name', 'why'),
+    ('name', 'reason'),
     [
         ('abb', 'the controller has all points of a download'),
         ('remote', 'by Remote Ethernet alone'),
     ],
 )
-def test_a_pause_that_cannot_be_is_refused_by_name(name, why):
-    profile = load_controller_profile(name)
-    usual = profile_defaults(profile)
-    rules = delivery_rules(profile, usual['interface'], usual['point_message'])
-    with pytest.raises(ValueError, match=f'factor = 0: {why}'):
+def test_pause_is_refused_where_the_controller_cannot_pause(name, reason):
+    rules = options_of(name)['delivery']
+    with pytest.raises(ValueError, match=f'factor = 0: {reason}'):
         PlannedSpeed(rules, LIMITS).check_factor(0.0, None)

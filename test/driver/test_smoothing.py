@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smoothing in the driver: what it makes of trajectories, and the process it runs in."""
+"""Smoothing in the driver: its trajectories, and the process that computes them."""
 
 import asyncio
 import sys
@@ -42,7 +42,7 @@ def resampled(period, *, time_optimal=False, plan=PLAN):
 
 
 @pytest.mark.parametrize('period', [0.004, 0.05, 0.1])
-def test_resampled_points_are_dense_equally_spaced_and_within_the_limits(period):
+def test_resampled_points_are_equally_spaced_and_within_limits(period):
     motion = resampled(period)
     assert np.diff(motion.times) == pytest.approx(period)
     assert motion.times[0] == 0.0
@@ -54,7 +54,7 @@ def test_resampled_points_are_dense_equally_spaced_and_within_the_limits(period)
     assert PLAN.duration <= motion.duration < 1.3 * PLAN.duration + period
 
 
-def test_resampled_points_lie_on_the_one_smooth_motion():
+def test_resampled_points_are_on_one_smooth_motion():
     fine, coarse = resampled(0.004), resampled(0.04)
     assert coarse.positions[1:-1] == pytest.approx(
         fine.positions[10 : 10 * (len(coarse.times) - 1) : 10], abs=1e-6
@@ -63,13 +63,13 @@ def test_resampled_points_lie_on_the_one_smooth_motion():
     assert errors.max() < 1e-4
 
 
-def test_what_goes_over_the_wire_is_no_faster_than_the_joints():
+def test_resampled_points_sent_respect_the_joint_velocities():
     points = trajectory_points(resampled(0.05), START, LIMITS, unmapped(len(LIMITS.names)))
     assert all(0.0 < point.velocity <= 1.0 for point in points)
     assert [point.duration for point in points[1:]] == pytest.approx([0.05] * (len(points) - 1))
 
 
-def test_time_optimal_needs_no_times_and_is_the_same_with_them():
+def test_time_optimal_motion_ignores_the_times_of_the_plan():
     plan = untimed(POSITIONS_ONLY, LIMITS)
     check_limits(plan, LIMITS)
     check_start(plan, START, LIMITS, 0.01)
@@ -81,8 +81,8 @@ def test_time_optimal_needs_no_times_and_is_the_same_with_them():
 
 
 @pytest.mark.parametrize('thin', [False, True])
-def test_a_goal_is_never_sent_along_the_faster_path_that_no_planner_has_checked(thin):
-    """Between its points a plan is followed on the spline through them."""
+def test_time_optimal_goal_keeps_the_path_of_the_plan(thin):
+    """The path is the spline through its points, not a faster path that no planner has checked."""
     plan = untimed(POSITIONS_ONLY, LIMITS)
     sent = smoothed_trajectory(plan, START, LIMITS, Smoothing(0.004, time_optimal=True, thin=thin))
     spline, free = (
@@ -93,16 +93,16 @@ def test_a_goal_is_never_sent_along_the_faster_path_that_no_planner_has_checked(
 
 
 @pytest.mark.parametrize('thin', [False, True])
-def test_with_a_tolerance_the_noise_of_a_recording_is_not_sent(thin):
-    """The times are kept, and the points that are sent pass each given one within it."""
+def test_tolerance_removes_the_noise_of_a_recording(thin):
+    """The times stay, and every point is passed within the tolerance."""
     times = np.arange(251) / 125.0
     wave = 0.5 - 0.5 * np.cos(np.pi * times / times[-1])
     noise = np.random.default_rng(8).normal(size=(len(times), len(START))) * 2e-4
     recorded = Trajectory(LIMITS.names, times, START + 0.3 * wave[:, None] + noise)
 
     def sent(tolerance):
-        how = Smoothing(0.02, thin=thin, deviation=1e-3, tolerance=tolerance)
-        return smoothed_trajectory(recorded, recorded.positions[0], LIMITS, how)
+        smoothing = Smoothing(0.02, thin=thin, deviation=1e-3, tolerance=tolerance)
+        return smoothed_trajectory(recorded, recorded.positions[0], LIMITS, smoothing)
 
     assert sent(0.0).duration > 1.5 * times[-1]
     motion = sent(1e-3)
@@ -122,7 +122,7 @@ def test_with_a_tolerance_the_noise_of_a_recording_is_not_sent(thin):
         (Smoothing(0.05, True, tolerance=1e-3), 'and timing = as_planned'),
     ],
 )
-def test_a_tolerance_is_for_motions_that_are_planned_in_the_times_given(smoothing, words):
+def test_tolerance_needs_smoothing_in_the_planned_times(smoothing, words):
     if words is None:
         check_tolerance(smoothing)
         return
@@ -130,7 +130,7 @@ def test_a_tolerance_is_for_motions_that_are_planned_in_the_times_given(smoothin
         check_tolerance(smoothing)
 
 
-def test_the_driver_knows_the_least_tolerance_of_the_smoother():
+def test_minimum_tolerances_of_driver_and_smoother_are_equal():
     assert smoothed_module.MIN_TOLERANCE == MIN_TOLERANCE
 
 
@@ -147,14 +147,14 @@ def test_retiming_keeps_the_points_of_the_plan():
     assert passed(PLAN.positions, motion)[1][1:-1] == pytest.approx(plan.times[1:-1])
 
 
-def test_retiming_leaves_repeated_points_out():
+def test_retiming_removes_repeated_points():
     positions = np.repeat(PLAN.positions, 3, axis=0)
     plan = untimed(Trajectory(LIMITS.names, np.zeros(len(positions)), positions), LIMITS)
     retimed = smoothed_trajectory(plan, START, LIMITS, Smoothing(None, True))
     assert np.array_equal(retimed.positions, PLAN.positions)
 
 
-def test_a_first_point_with_a_time_is_gone_to_from_where_the_arm_is():
+def test_first_point_with_a_time_is_approached_from_the_arm():
     start = np.zeros(6)
     plan = Trajectory(LIMITS.names, np.array([2.0]), START[None, :])
     for smoothing in (Smoothing(0.05), Smoothing(0.05, True), Smoothing(None, True)):
@@ -166,7 +166,7 @@ def test_a_first_point_with_a_time_is_gone_to_from_where_the_arm_is():
     )
 
 
-def test_a_plan_that_is_too_fast_becomes_slower_when_its_times_do_not_count():
+def test_too_fast_plan_is_accepted_without_its_times():
     fast = Trajectory(LIMITS.names, PLAN.times / 100.0, PLAN.positions)
     with pytest.raises(GoalRejectedError, match='velocity limit'):
         check_limits(fast, LIMITS)
@@ -180,7 +180,7 @@ def test_a_plan_that_is_too_fast_becomes_slower_when_its_times_do_not_count():
         (9.0, 'joint_3: position 9'),
     ],
 )
-def test_positions_are_checked_all_the_same(value, words):
+def test_positions_of_an_untimed_plan_are_checked(value, words):
     positions = PLAN.positions.copy()
     positions[2, 2] = value
     plan = Trajectory(LIMITS.names, np.zeros(len(positions)), positions)
@@ -189,7 +189,7 @@ def test_positions_are_checked_all_the_same(value, words):
     assert words in str(caught.value)
 
 
-def test_an_arm_outside_its_limits_is_said_to_be():
+def test_start_outside_the_limits_is_refused():
     start = START.copy()
     start[0] = 3.0
     plan = Trajectory(LIMITS.names, PLAN.times + 1.0, PLAN.positions)
@@ -201,7 +201,7 @@ READ = 'import sys; sys.stdin.buffer.read1(); '
 
 
 async def prepared(start, plan=PLAN):
-    """Ask for one trajectory; close the process whatever becomes of it."""
+    """Prepare one trajectory, and close the process."""
     smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
     try:
         return await smoother.prepared(plan, start)
@@ -209,16 +209,16 @@ async def prepared(start, plan=PLAN):
         await smoother.close()
 
 
-def test_what_no_smooth_motion_can_be_made_of_is_told_in_the_words_of_the_smoother():
+def test_error_text_of_the_smoother_process_is_reported():
     start = PLAN.positions[0].copy()
     start[0] = 3.0
-    later = replace(PLAN, times=PLAN.times + 1.0)  # it begins where the arm is
+    later = replace(PLAN, times=PLAN.times + 1.0)  # it starts at the arm's position
     with pytest.raises(SmoothingError, match=r'joint_1: position 3 is outside the limits -2\.9'):
         asyncio.run(prepared(start, later))
 
 
 @pytest.mark.parametrize(
-    ('code', 'said'),
+    ('code', 'text'),
     [
         (READ + 'print("no trajectory" * 9)', 'the smoother sent a value of'),
         (READ + 'sys.exit(3)', 'the smoother ended with exit code 3'),
@@ -226,7 +226,7 @@ def test_what_no_smooth_motion_can_be_made_of_is_told_in_the_words_of_the_smooth
     ],
 )
 @pytest.mark.invariant(9)
-def test_inv9_a_process_that_fails_is_an_error_of_its_goal(monkeypatch, code, said):
+def test_inv9_failed_process_is_an_error(monkeypatch, code, text):
     async def start_worker(_module):
         pipe = asyncio.subprocess.PIPE
         return await asyncio.create_subprocess_exec(
@@ -234,20 +234,15 @@ def test_inv9_a_process_that_fails_is_an_error_of_its_goal(monkeypatch, code, sa
         )
 
     monkeypatch.setattr(smoothing_module, 'start_worker', start_worker)
-    with pytest.raises(SmoothingError, match=said):
+    with pytest.raises(SmoothingError, match=text):
         asyncio.run(prepared(np.zeros(6)))
 
 
 @pytest.mark.invariant(9)
-def test_inv9_a_process_that_cannot_be_started_is_an_error_and_the_next_goal_has_its_own(
-    monkeypatch, tmp_path
-):
-    async def check():
-        smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
-        for _ in range(2):
-            with pytest.raises(SmoothingError, match='the smoother could not be started: '):
-                await smoother.prepared(PLAN, PLAN.positions[0])
-        await smoother.close()
-
+async def test_inv9_failed_start_of_the_process_is_an_error_of_each_goal(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, 'executable', str(tmp_path / 'no_python'))
-    asyncio.run(check())
+    smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
+    for _ in range(2):
+        with pytest.raises(SmoothingError, match='the smoother could not be started: '):
+            await smoother.prepared(PLAN, PLAN.positions[0])
+    await smoother.close()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals whose motion is planned first, in a process: whatever comes meanwhile, they end once."""
+"""Goals planned in a separate process end exactly once, whatever happens during planning."""
 
 import asyncio
 import os
@@ -28,7 +28,7 @@ from epson_driver.sim_controller.condition.states import Event
 RESAMPLE = Smoothing(0.1)
 
 REAL_TIME = True
-"""The smoother is a process of its own."""
+"""The smoother is a separate process."""
 
 
 def process_of(harness):
@@ -37,13 +37,13 @@ def process_of(harness):
 
 @pytest.fixture
 def slow(monkeypatch):
-    """Let no answer of the smoother's process come; return who was asked."""
-    asked = []
+    """Suppress every reply of the smoother's process; return the processes with a request."""
+    requested = []
     answered = smoothing.answered
 
     async def seen(process, *arguments):
-        process.send_signal(signal.SIGSTOP)  # else it may end by itself before it is killed
-        asked.append(process)
+        process.send_signal(signal.SIGSTOP)  # so it cannot end before it is killed
+        requested.append(process)
         return await answered(process, *arguments)
 
     async def never(stream, kinds):
@@ -51,14 +51,14 @@ def slow(monkeypatch):
 
     monkeypatch.setattr(smoothing, 'answered', seen)
     monkeypatch.setattr(smoothing, 'next_value', never)
-    return asked
+    return requested
 
 
 def nothing_sent(harness):
     return harness.driver.motion_link.statistics.frames_sent == 0
 
 
-async def test_a_goal_is_resampled_and_executed():
+async def test_goal_is_resampled_and_executed():
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
         assert goal.handle.execution.state.value == 'preparing'
@@ -72,7 +72,7 @@ async def test_a_goal_is_resampled_and_executed():
         assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
 
 
-async def test_a_goal_without_times_is_retimed_and_executed():
+async def test_goal_without_times_is_retimed_and_executed():
     async with cell(smoothing=Smoothing(None, True)) as (harness, _):
         positions = np.stack([harness.at, pose(0.2), pose(0.2, 0.3)])
         plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
@@ -85,7 +85,6 @@ async def test_a_goal_without_times_is_retimed_and_executed():
 
 @pytest.mark.invariant(5)
 async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
-    """docs/invariants.md, 5."""
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -93,14 +92,13 @@ async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
         outcome = await goal.end()
         assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled; the arm stands')
         assert not harness.at.any()
-        await until(lambda: slow[0].returncode is not None)  # it ends, too
+        await until(lambda: slow[0].returncode is not None)
         assert slow[0].returncode == -signal.SIGKILL
         assert harness.gate is None
 
 
 @pytest.mark.invariant(5)
 async def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
-    """docs/invariants.md, 5."""
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -111,8 +109,7 @@ async def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
 
 
 @pytest.mark.invariant(4, 5)
-async def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_sent(slow):
-    """docs/invariants.md, 4 and 5."""
+async def test_inv4_inv5_estop_while_planning_ends_the_goal_and_nothing_is_sent(slow):
     async with cell(smoothing=RESAMPLE) as (harness, controller):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -126,8 +123,7 @@ async def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothi
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
-    """docs/invariants.md, 5."""
+async def test_inv5_lost_link_while_planning_ends_the_goal(slow):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -138,8 +134,7 @@ async def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
-    """docs/invariants.md, 5."""
+async def test_inv5_new_goal_while_planning_replaces_the_first():
     async with cell(smoothing=RESAMPLE) as (harness, _):
         first = harness.submit(pose(2.0), pose(-2.0), step=3.0)
         second = harness.submit(pose(0.1))
@@ -150,8 +145,7 @@ async def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
-    """docs/invariants.md, 5."""
+async def test_inv5_end_of_the_driver_ends_the_goal_and_the_process(slow):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -160,7 +154,7 @@ async def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
         assert slow[0].returncode == -signal.SIGKILL
 
 
-async def test_a_driver_that_is_canceled_again_and_again_leaves_no_process(slow):
+async def test_repeatedly_cancelled_driver_leaves_no_process(slow):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -174,7 +168,7 @@ async def test_a_driver_that_is_canceled_again_and_again_leaves_no_process(slow)
         assert process_of(harness)._next is None
 
 
-async def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
+async def test_killed_process_ends_the_goal_and_the_next_goal_succeeds():
     async with cell(smoothing=RESAMPLE) as (harness, _):
         ready = await process_of(harness)._next
         os.kill(ready.pid, signal.SIGKILL)
@@ -188,7 +182,7 @@ async def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another()
         assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
 
 
-async def test_a_plan_that_takes_too_long_is_given_up(slow, monkeypatch):
+async def test_planning_ends_at_its_timeout(slow, monkeypatch):
     monkeypatch.setattr(smoothing, 'TIMEOUT_S', 0.05)
 
     async with cell(smoothing=RESAMPLE) as (harness, _):
@@ -198,7 +192,7 @@ async def test_a_plan_that_takes_too_long_is_given_up(slow, monkeypatch):
         assert nothing_sent(harness)
 
 
-async def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
+async def test_plan_is_refused_if_the_arm_moved_during_planning(monkeypatch):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         prepared = SmoothingProcess.prepared
 
@@ -213,16 +207,16 @@ async def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
         assert nothing_sent(harness)
 
 
-def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeypatch):
+def test_stalled_event_loop_reads_a_new_pose_before_it_starts(monkeypatch):
     plan_in_real_time(monkeypatch)
     prepared = SmoothingProcess.prepared
 
-    async def held_up(process, trajectory, start):
+    async def stalled(process, trajectory, start):
         motion = await prepared(process, trajectory, start)
         stand_still(1.0)
         return motion
 
-    monkeypatch.setattr(SmoothingProcess, 'prepared', held_up)
+    monkeypatch.setattr(SmoothingProcess, 'prepared', stalled)
 
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):
@@ -232,7 +226,7 @@ def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeyp
     run(scenario(), patience=3600.0)
 
 
-async def test_no_process_without_smoothing_and_none_is_left():
+async def test_process_exists_only_with_smoothing_and_ends_with_the_driver():
     async with cell() as (harness, _):
         assert process_of(harness) is None
     async with cell(smoothing=RESAMPLE) as (harness, _):
@@ -242,8 +236,8 @@ async def test_no_process_without_smoothing_and_none_is_left():
 
 
 @pytest.mark.slow
-def test_joint_states_go_on_while_a_long_plan_is_made(monkeypatch):
-    plan_in_real_time(monkeypatch)  # however long the machine takes for so many points
+def test_joint_states_continue_during_long_planning(monkeypatch):
+    plan_in_real_time(monkeypatch)  # independent of the machine's speed
 
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):

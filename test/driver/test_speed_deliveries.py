@@ -8,13 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import goal_execution_harness
-from support.driver_harness import Harness, pose, simulated
+from support.driver_harness import Harness, options_of, pose, simulated
 
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.reference import RAMP_PER_S
 from epson_driver.driver.outcome import End
 from epson_driver.profiles import load_controller_profile
-from epson_driver.setup.setup import profile_defaults
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, decode
 
 STEP = 0.2
@@ -26,11 +24,9 @@ async def cell_of(name, **motion):
     """Run an enabled driver with the controller of a profile; yield it and the points received."""
     profile = load_controller_profile(name)
     profile = replace(profile, motion=replace(profile.motion, **motion))
-    defaults = profile_defaults(profile)
-    rules = delivery_rules(profile, defaults['interface'], defaults['point_message'])
     async with (
         simulated(profile=profile) as (controller, ports),
-        Harness(ports, delivery=rules, usual_byte_order=profile.byte_order) as harness,
+        Harness(ports, **options_of(profile)) as harness,
     ):
         points = []
         take = controller.program.receive

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the driver that run together: what ends one ends all; waits for a fresh state."""
+"""Task groups that end together, and waits for a fresh state."""
 
 import asyncio
 
@@ -17,7 +17,7 @@ from epson_driver.driver.tasks import (
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_a_part_that_something_else_cancels_is_no_quiet_end():
+async def test_inv9_externally_cancelled_task_ends_the_group_with_an_error():
     ended = []
 
     async def cancelled():
@@ -35,60 +35,60 @@ async def test_inv9_a_part_that_something_else_cancels_is_no_quiet_end():
 
     with pytest.raises(TaskEndedError, match='state was cancelled'):
         await run_task_group({'state': cancelled, 'motion': other}, stop)
-    assert ended == ['stop', 'other']  # the arm is stopped while the others still run
+    assert ended == ['stop', 'other']  # the arm is stopped before the other tasks end
 
 
-PATIENCE_S = 0.2
+TIMEOUT_S = 0.2
 
 
 @pytest.mark.invariant(6)
-async def test_a_process_that_is_held_up_after_every_turn_still_finds_the_pose_fresh():
-    """What came is judged as of a moment before, not as of when there was time to look."""
+async def test_inv6_process_that_stalls_after_every_step_finds_the_pose_fresh():
+    """The pose is judged at one earlier moment, and not when the process runs again."""
     async with cell() as (harness, _):
-        robot, heard = harness.driver.robot, harness.driver.changed
-        held_up = []
+        robot = harness.driver.robot
+        stalls = []
 
         def stale(moment):
             answer = robot.stale(moment)
-            stand_still(0.5)  # between any two lines
-            held_up.append(now())
+            stand_still(0.5)  # between two lines
+            stalls.append(now())
             return answer
 
         stand_still(1.0)
-        moment = await wait_for_fresh_state(stale, heard, PATIENCE_S)
+        moment = await wait_for_fresh_state(stale, harness.driver.changed, TIMEOUT_S)
         assert robot.why_not_ready(moment) is None
         stand_still(1.0)
         assert robot.why_not_ready(moment) is None
-        assert held_up
+        assert stalls
 
 
 @pytest.mark.invariant(6)
-async def test_a_controller_that_is_silent_is_found_silent_after_the_patience():
+async def test_inv6_silent_controller_is_stale_after_the_timeout():
     silent_since = now() - 10.0
-    asked = []
+    moments = []
 
     def stale(moment):
-        asked.append(moment)
+        moments.append(moment)
         return moment - silent_since > 0.3
 
-    began = now()
-    moment = await wait_for_fresh_state(stale, Notification(), PATIENCE_S)
-    assert moment >= began + PATIENCE_S
+    start = now()
+    moment = await wait_for_fresh_state(stale, Notification(), TIMEOUT_S)
+    assert moment >= start + TIMEOUT_S
     assert stale(moment)
-    assert asked[0] == began
+    assert moments[0] == start
 
 
-async def test_what_waits_in_the_socket_when_the_patience_is_over_is_read():
-    heard = Notification()
+async def test_message_in_the_socket_at_the_timeout_is_read():
+    changed = Notification()
     newest = [now() - 10.0]
 
     async def reads_late():
-        await asyncio.sleep(PATIENCE_S)
-        for _ in range(10):  # as many turns as it takes from the socket to the driver
+        await asyncio.sleep(TIMEOUT_S)
+        for _ in range(10):  # loop iterations from the socket to the driver
             await asyncio.sleep(0)
         newest[0] = now()
 
     task = asyncio.create_task(reads_late())
-    moment = await wait_for_fresh_state(lambda at: at - newest[0] > 0.3, heard, PATIENCE_S)
+    moment = await wait_for_fresh_state(lambda at: at - newest[0] > 0.3, changed, TIMEOUT_S)
     assert moment - newest[0] < 0.3
     await task

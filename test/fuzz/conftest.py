@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the folder benchmark/ importable; it is not part of the installed package."""
+"""Adds the folder benchmark/, which is not installed, to the import path."""
 
 import sys
 from pathlib import Path

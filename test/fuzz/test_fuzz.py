@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The short form of `make fuzz`, and every case that it has found so far."""
+"""The short form of `make fuzz`, and all cases found so far."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ SEED = 20
 FOUND = sorted(Path(__file__).with_name('cases').glob('*.json'))
 TARGETS = {target.name: target for target in in_process()}
 SLOW = ('spel', 'smooth')
-"""In names of targets that take seconds to begin."""
+"""Parts of the names of targets that need seconds to start."""
 
 
 def all_held(target: Target, seed: int, inputs: int) -> None:
@@ -27,7 +27,7 @@ def all_held(target: Target, seed: int, inputs: int) -> None:
 
 
 @pytest.mark.parametrize('path', FOUND, ids=lambda path: path.stem)
-def test_what_was_found_once_holds_now(path: Path) -> None:
+def test_found_case_no_longer_fails(path: Path) -> None:
     case = Case.read(path)
     with runner.listening(runner.Novelty()):
         assert runner.why_it_fails(TARGETS[case.target], case) == ''
@@ -36,19 +36,19 @@ def test_what_was_found_once_holds_now(path: Path) -> None:
 @pytest.mark.parametrize(
     'name', [name for name in TARGETS if not any(word in name for word in SLOW)]
 )
-def test_one_case_of_each_target(name: str) -> None:
+def test_one_case_of_each_target_holds(name: str) -> None:
     all_held(TARGETS[name], SEED, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', TARGETS)
-def test_thousands_of_inputs_to_each_target(name: str) -> None:
+def test_thousands_of_inputs_to_each_target_hold(name: str) -> None:
     all_held(TARGETS[name], SEED + 1, 3_000)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', socket_targets.TARGETS)
-def test_real_processes_stand_it(name: str) -> None:
+def test_processes_withstand_random_input(name: str) -> None:
     figures = socket_targets.TARGETS[name](2_000, SEED)
     assert not figures.found, figures.found[0]
 
@@ -57,7 +57,7 @@ def test_real_processes_stand_it(name: str) -> None:
 
 
 class Faulty:
-    """Has an error that three inputs in order bring out."""
+    """A target that fails for three bytes in order."""
 
     name = 'faulty'
 
@@ -75,7 +75,7 @@ class Faulty:
         raise FoundError('1, 2, 3')
 
 
-def test_what_it_finds_is_made_small_and_kept_so_that_it_can_be_repeated(tmp_path: Path) -> None:
+def test_found_case_is_reduced_and_saved(tmp_path: Path) -> None:
     fuzzer = Fuzzer(Faulty(), SEED, tmp_path)
     fuzzer.run(lambda figures: bool(figures.found))
     (path,) = tmp_path.iterdir()
@@ -85,14 +85,14 @@ def test_what_it_finds_is_made_small_and_kept_so_that_it_can_be_repeated(tmp_pat
     assert path.name in fuzzer.figures.found[0]
 
 
-def test_the_same_seed_gives_the_same_inputs() -> None:
+def test_same_seed_gives_the_same_inputs() -> None:
     target = TARGETS['framer and decoder']
     one, again, other = (target.case(runner.seeded(seed, 'x', 3), [b'abcd']) for seed in (1, 1, 2))
     assert one == again
     assert one != other
 
 
-def test_a_case_that_hangs_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_case_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, 'HANG_S', 0.05)
 
     class Hanging:
@@ -105,8 +105,7 @@ def test_a_case_that_hangs_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 'HangError' in runner.why_it_fails(Hanging(), Case('hanging', ()))
 
 
-def test_an_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The eye of the controller's targets sees what it is there for."""
+def test_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     target = TARGETS['controller simulated, motors off: motion, state, io']
     world = controller_target._World(target)
     world.controller.servo.actual[0] += 1e-9
@@ -114,7 +113,7 @@ def test_an_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatc
         world.take(('send', 'state', b''))
 
 
-def test_a_case_survives_its_file(tmp_path: Path) -> None:
+def test_case_is_unchanged_by_its_file(tmp_path: Path) -> None:
     case = Case('x', (('send', 'motion', b'\x00\xff'), ('wait', 0.5), ('do', 'goal')))
     (tmp_path / 'case.json').write_text(case.as_text(), encoding='utf-8')
     assert Case.read(tmp_path / 'case.json') == case

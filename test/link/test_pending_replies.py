@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which request a reply answers: every form of reply that controllers are known to send."""
+"""The request that a reply answers, for every known form of reply."""
 
 import pytest
 from hypothesis import given
@@ -39,7 +39,7 @@ def fanuc(sequence, code=OK):
 
 
 def abb(code=OK, msg_type=11):
-    """ABB: a header of the request's own type and nothing else, as it comes off the wire."""
+    """ABB: a header of the request's type without a body, as decoded from the wire."""
     return decode(Frame(msg_type, 3, code, b'', request(Ping()).dialect.byte_order))
 
 
@@ -49,7 +49,7 @@ def motoman(sequence, code=OK):
 
 
 def garbage(msg_type=10):
-    """A FAILURE whose body means nothing (REP-I0006)."""
+    """A FAILURE with a meaningless body (REP-I0006)."""
     order = request(Ping()).dialect.byte_order
     return decode(Frame(msg_type, 3, NO, b'\xde\xad\xbe\xef\x01', order))
 
@@ -59,16 +59,16 @@ def waiting_for(message, sent=0.0):
 
 
 def answered(*steps):
-    """Post messages (anything but a reply) and take replies; return what each reply answered.
+    """Post messages and take replies; return the request that each reply answered.
 
-    A request is named by its sequence, or by its type's name if it has none; None is nobody.
+    A request is named by its sequence, or by its type if it has none. None means no request.
     """
     pending = PendingReplies()
     names = []
     for step in steps:
         if hasattr(step, 'comm_type'):
-            found = pending.take(step)
-            names.append(None if found is None else name_of(found))
+            request = pending.take(step)
+            names.append(None if request is None else name_of(request))
         else:
             pending.add(waiting_for(step))
     return names
@@ -127,8 +127,8 @@ STOPPING = JointTrajPt(STOP)
             ['type 1', 'type 2', 1],
             id='other types do not answer a point',
         ),
-        pytest.param([Ping(), epson()], [None], id='a joint position is no answer to a PING'),
-        pytest.param([POINT[0], abb(OK, 1)], [None], id='a PING reply is no answer to a point'),
+        pytest.param([Ping(), epson()], [None], id='a joint position does not answer a PING'),
+        pytest.param([POINT[0], abb(OK, 1)], [None], id='a PING reply does not answer a point'),
         pytest.param([Opaque(1500), reply(Opaque(1500), OK)], ['type 1500'], id='vendor type'),
         pytest.param(
             [JointTrajPtFull(0, 3, 0), fanuc(3), JointTrajPtFull(0, 4, 0), abb(OK, 14)],
@@ -141,7 +141,7 @@ def test_reply_forms(steps, expected):
     assert answered(*steps) == expected
 
 
-def test_after_the_link_was_lost_no_reply_answers_anything():
+def test_replies_after_a_lost_link_answer_no_old_request():
     pending = PendingReplies()
     pending.add(waiting_for(POINT[1]))
     pending.take(fanuc(1))
@@ -149,14 +149,14 @@ def test_after_the_link_was_lost_no_reply_answers_anything():
     pending.clear()
     assert len(pending) == 0
     assert pending.take(fanuc(2)) is None
-    pending.add(waiting_for(POINT[5]))  # what was answered before is forgotten, too
+    pending.add(waiting_for(POINT[5]))  # earlier answers are forgotten too
     assert pending.take(fanuc(1)).sequence == 5
 
 
 @pytest.mark.parametrize('form', [epson(), fanuc(0), abb()], ids=['EPSON', 'FANUC', 'ABB'])
-def test_a_reply_that_never_came_does_not_shift_the_next_trajectory(form):
+def test_missing_reply_does_not_shift_the_next_trajectory(form):
     pending = PendingReplies()
-    pending.add(waiting_for(POINT[3], sent=10.0))  # its reply is lost, the goal is given up
+    pending.add(waiting_for(POINT[3], sent=10.0))  # its reply is lost, and the goal ends
     pending.add(waiting_for(STOPPING, sent=15.0))
     pending.take(fanuc(STOP))
     following = waiting_for(POINT[0], sent=17.0)
@@ -165,7 +165,7 @@ def test_a_reply_that_never_came_does_not_shift_the_next_trajectory(form):
     assert len(pending) == 0
 
 
-def test_replies_on_their_way_are_waited_for_when_a_new_trajectory_begins():
+def test_pending_replies_precede_new_ones():
     pending = PendingReplies()
     stop = waiting_for(STOPPING, sent=10.0)
     following = waiting_for(POINT[0], sent=10.02)
@@ -175,7 +175,7 @@ def test_replies_on_their_way_are_waited_for_when_a_new_trajectory_begins():
     assert pending.take(epson()) is following
 
 
-def test_a_controller_that_never_answers_does_not_fill_the_memory():
+def test_number_of_pending_requests_is_bounded():
     pending = PendingReplies()
     for count in range(10_000):
         pending.add(waiting_for(STOPPING, sent=count * 0.01))
@@ -204,16 +204,16 @@ REPLIES = st.builds(
 
 
 @given(st.lists(st.one_of(MESSAGES, REPLIES), max_size=120))
-def test_whatever_comes_no_request_is_answered_twice(steps):
+def test_no_request_is_answered_twice(steps):
     pending = PendingReplies()
     posted, taken = [], []
     for time, step in enumerate(steps):
         if hasattr(step, 'comm_type'):
             before = len(pending)
-            found = pending.take(step)
-            if found is not None:
-                taken.append(id(found))
-            assert len(pending) == before - (found is not None)
+            answered_request = pending.take(step)
+            if answered_request is not None:
+                taken.append(id(answered_request))
+            assert len(pending) == before - (answered_request is not None)
         else:
             posted.append(waiting_for(step, sent=time * 0.1))
             pending.add(posted[-1])
@@ -222,8 +222,8 @@ def test_whatever_comes_no_request_is_answered_twice(steps):
     assert len(pending) <= len(posted) - len(taken)
 
 
-def test_a_motion_reply_answers_the_command_that_it_repeats():
-    """Motoman: a STOP_MOTION overtakes a point, and both are answered with a MOTION_REPLY."""
+def test_motion_reply_answers_the_command_it_repeats():
+    """A STOP_MOTION overtakes a point at a Motoman, and each gets a MOTION_REPLY."""
     point, stop = JointTrajPtFull(0, 5, 7), MotionCtrl(0, 0, 200111)
     pending = PendingReplies()
     for message in (point, stop):

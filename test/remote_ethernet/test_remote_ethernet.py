@@ -12,7 +12,7 @@ from epson_driver.remote_ethernet.client import GaveWayError, RemoteError, Remot
 
 
 def ask(answer: bytes) -> None:
-    """Give `SetMotorsOn,1` to a server that takes the login and then answers this."""
+    """Send `SetMotorsOn,1` to a server that accepts the login and gives this answer."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readline()
@@ -49,16 +49,16 @@ def test_a_refusal_has_its_number():
     ],
     ids=['5,000 digits', '10 digits', 'none', 'negative', 'no decimal', 'bytes', 'nothing'],
 )
-def test_an_answer_that_makes_no_sense_is_a_connection_error(answer):
-    """Invariant 9: `int` raises ValueError for more than 4,300 digits, which ended the driver."""
+def test_inv9_malformed_answer_is_a_connection_error(answer):
+    """`int` raises ValueError for more than 4,300 digits."""
     with pytest.raises(ConnectionError, match='is no answer to SetMotorsOn') as error:
         ask(answer)
     assert len(str(error.value)) < 600
 
 
 @pytest.mark.invariant(9)
-async def test_a_login_that_is_not_answered_is_tried_on_another_connection():
-    """Invariant 9: the queue of the port was full, and the system repeats ever more rarely."""
+async def test_inv9_unanswered_login_is_retried_on_another_connection():
+    """If the port's queue is full, the system retries increasingly rarely."""
     logins, ended = [], []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -77,8 +77,8 @@ async def test_a_login_that_is_not_answered_is_tried_on_another_connection():
     assert logins == [b'$Login,\r\n'] * 3
 
 
-async def test_a_logout_that_is_refused_is_no_failure():
-    """Another client's statement may be executed just then: error 21."""
+async def test_refused_logout_is_not_a_failure():
+    """Another client's statement may be running: error 21."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         for answer in (b'#Login,0', b'#Stop,0', b'!Logout,21'):
@@ -92,7 +92,7 @@ async def test_a_logout_that_is_refused_is_no_failure():
 
 
 @pytest.mark.parametrize('host', ['a..b', 'a' * 70, 'nul\0'])
-def test_a_host_that_is_no_name_is_a_connection_error(host):
+def test_invalid_host_name_is_a_connection_error(host):
     with pytest.raises(ConnectionError):
         run(execute(host, 5000, [], PATIENCE))
 
@@ -101,48 +101,45 @@ async def forever():
     await asyncio.Event().wait()
 
 
-async def test_patient_dialogues_come_one_after_the_other_and_return_what_they_say():
-    turns, said = RemoteTurns(), []
+async def test_patient_dialogues_run_in_sequence_and_return_their_results():
+    turns, log = RemoteTurns(), []
 
     async def dialogue(name):
-        said.append(f'{name} begins')
+        log.append(f'{name} starts')
         await asyncio.sleep(1.0)
-        said.append(f'{name} ends')
+        log.append(f'{name} ends')
         return name
 
     both = await asyncio.gather(*(turns.patient(lambda n=n: dialogue(n)) for n in 'ab'))
     assert both == ['a', 'b']
-    assert said == ['a begins', 'a ends', 'b begins', 'b ends']
+    assert log == ['a starts', 'a ends', 'b starts', 'b ends']
 
 
 @pytest.mark.invariant(3)
-def test_an_urgent_dialogue_breaks_a_patient_one_off_and_those_that_wait_do_not_go_first():
-    async def scenario():
-        turns, order = RemoteTurns(), []
+async def test_inv3_urgent_dialogue_preempts_running_and_waiting_ones():
+    turns, order = RemoteTurns(), []
 
-        async def waiting():
-            order.append('a patient one')
+    async def waiting():
+        order.append('waiting')
 
-        running = asyncio.create_task(turns.patient(forever))
-        await asyncio.sleep(0.1)
-        next_one = asyncio.create_task(turns.patient(waiting))
-        await asyncio.sleep(0.1)
-        async with turns.urgent():
-            order.append('urgent')
-            with pytest.raises(GaveWayError, match='needed for the motors'):
-                await running
-        with pytest.raises(GaveWayError):
-            await next_one
-        assert order == ['urgent']
-        assert await turns.patient(say) == 'again'
-
-    async def say():
+    async def again():
         return 'again'
 
-    run(scenario())
+    running = asyncio.create_task(turns.patient(forever))
+    await asyncio.sleep(0.1)
+    next_one = asyncio.create_task(turns.patient(waiting))
+    await asyncio.sleep(0.1)
+    async with turns.urgent():
+        order.append('urgent')
+        with pytest.raises(GaveWayError, match='needed for the motors'):
+            await running
+    with pytest.raises(GaveWayError):
+        await next_one
+    assert order == ['urgent']
+    assert await turns.patient(again) == 'again'
 
 
-async def test_who_is_cancelled_frees_the_port_and_what_is_raised_comes_through():
+async def test_cancelled_or_failed_dialogue_frees_the_port():
     turns = RemoteTurns()
     running = asyncio.create_task(turns.patient(forever))
     await asyncio.sleep(0.1)
@@ -163,7 +160,7 @@ async def test_who_is_cancelled_frees_the_port_and_what_is_raised_comes_through(
 @pytest.mark.parametrize(
     'motors', ['nan', 'inf', '1e999', '1_0', '١', '0x1', '', '1 2', '-', '1.0e']
 )
-def test_only_finite_ascii_numbers_are_joints_and_motors(motors):
+def test_inv7_only_finite_ascii_numbers_are_joints_and_motors(motors):
     assert joints_of('"-1.5 2e-3 1"', 2) == [-1.5, 0.002, 1.0]
     with pytest.raises(ConnectionError, match='is no answer to'):
         joints_of(f'"-1.5 2e-3 {motors}"', 2)

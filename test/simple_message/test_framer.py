@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Any segmentation, both byte orders, and whatever else a socket may bring."""
+"""Framing of any segmentation, both byte orders, and invalid bytes."""
 
 import contextlib
 import struct
@@ -34,17 +34,17 @@ ORDERS = pytest.mark.parametrize('order', ByteOrder, ids=lambda order: order.nam
 
 
 def held(framer: Framer) -> int:
-    """Return how many bytes the framer keeps, wherever it keeps them."""
+    """Return the number of bytes stored in the framer."""
     return sum(len(value) for value in vars(framer).values() if isinstance(value, Sized))
 
 
 def frame_bytes(length: int, order: ByteOrder = ByteOrder.LITTLE) -> bytes:
-    """Return a STATUS-typed frame whose prefix is `length`, with as much body as it promises."""
+    """Return a STATUS-typed frame whose prefix is `length`, with a body of that length."""
     return struct.pack(order.value + '4i', length, 13, 1, 0) + bytes(max(length - 12, 0))
 
 
 def outcome(framer: Framer, chunks: list[bytes]) -> tuple[list[Frame], str]:
-    """Return the frames that the chunks give, and the text of the error that ended them."""
+    """Return the frames of the chunks, and the text of the error at their end."""
     frames = []
     for chunk in chunks:
         framer.receive_data(chunk)
@@ -57,12 +57,12 @@ def outcome(framer: Framer, chunks: list[bytes]) -> tuple[list[Frame], str]:
 
 
 def cut(data: bytes, cuts: list[int]) -> list[bytes]:
-    """Return the data in pieces; equal cuts give empty ones."""
+    """Return the data in pieces, which are empty between equal cuts."""
     at = [0, *sorted(min(position, len(data)) for position in cuts), len(data)]
     return [data[start:end] for start, end in pairwise(at)]
 
 
-def test_one_byte_at_a_time_gives_each_frame_with_its_last_byte() -> None:
+def test_frame_is_returned_with_its_last_byte() -> None:
     framer = Framer()
     ends = []
     end = 0
@@ -97,7 +97,7 @@ def test_any_segmentation_gives_the_same_error(stream: bytes, cuts: list[int]) -
 
 
 @ORDERS
-def test_the_byte_order_is_detected_from_the_first_length(order: ByteOrder) -> None:
+def test_byte_order_is_detected_from_the_first_length(order: ByteOrder) -> None:
     framer = Framer()
     assert framer.byte_order is None
     framer.receive_data(frame_bytes(40, order)[:4])
@@ -109,16 +109,14 @@ def test_the_byte_order_is_detected_from_the_first_length(order: ByteOrder) -> N
 
 @ORDERS
 @given(length=st.integers(12, 65535))
-def test_every_length_that_is_allowed_is_detected_in_its_byte_order(
-    order: ByteOrder, length: int
-) -> None:
+def test_every_valid_length_is_detected_in_its_byte_order(order: ByteOrder, length: int) -> None:
     (frame,) = frames_of(frame_bytes(length, order))
     assert frame.byte_order is order
     assert len(frame.body) == length - 12
 
 
 @ORDERS
-def test_a_detected_byte_order_is_kept(order: ByteOrder) -> None:
+def test_detected_byte_order_stays(order: ByteOrder) -> None:
     other = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
     framer = Framer()
     framer.receive_data(frame_bytes(40, order) + frame_bytes(40, other))
@@ -128,7 +126,7 @@ def test_a_detected_byte_order_is_kept(order: ByteOrder) -> None:
 
 
 @ORDERS
-def test_a_given_byte_order_refuses_the_other(order: ByteOrder) -> None:
+def test_configured_byte_order_refuses_the_other(order: ByteOrder) -> None:
     other = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
     framer = Framer(other)
     framer.receive_data(frame_bytes(0x38, order))
@@ -141,7 +139,7 @@ def test_a_given_byte_order_refuses_the_other(order: ByteOrder) -> None:
 @pytest.mark.invariant(7)
 @ORDERS
 @pytest.mark.parametrize('length', [0, -1, -(2**31), 11, 65536, 2**31 - 1])
-def test_invariant_7_an_impossible_length_is_refused(order: ByteOrder, length: int) -> None:
+def test_inv7_invalid_length_is_refused(order: ByteOrder, length: int) -> None:
     framer = Framer(order)
     framer.receive_data(struct.pack(order.value + 'i', length))
     with pytest.raises(FrameError) as error:
@@ -151,7 +149,7 @@ def test_invariant_7_an_impossible_length_is_refused(order: ByteOrder, length: i
 
 @ORDERS
 @pytest.mark.parametrize('length', [12, 13, 65534, 65535])
-def test_the_outermost_lengths_are_accepted(order: ByteOrder, length: int) -> None:
+def test_minimum_and_maximum_lengths_are_accepted(order: ByteOrder, length: int) -> None:
     for framer in (Framer(order), Framer()):
         (frame,) = frames_of(frame_bytes(length, order), framer)
         assert len(frame.body) == length - 12
@@ -159,7 +157,7 @@ def test_the_outermost_lengths_are_accepted(order: ByteOrder, length: int) -> No
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('prefix', ['00000000', 'ffffffff', '0b000000', '0000000b', '01000001'])
-def test_invariant_7_a_length_that_is_impossible_in_both_orders_is_refused(prefix: str) -> None:
+def test_inv7_length_invalid_in_both_orders_is_refused(prefix: str) -> None:
     framer = Framer()
     framer.receive_data(bytes.fromhex(prefix))
     with pytest.raises(FrameError):
@@ -167,13 +165,13 @@ def test_invariant_7_a_length_that_is_impossible_in_both_orders_is_refused(prefi
     assert framer.byte_order is None
 
 
-def test_a_first_length_of_65536_is_256_of_the_other_byte_order() -> None:
+def test_first_length_of_65536_is_256_in_the_other_byte_order() -> None:
     (frame,) = frames_of(struct.pack('<i', 65536) + bytes(256))
     assert frame.byte_order is ByteOrder.BIG
 
 
 @ORDERS
-def test_the_maximum_length_can_be_lowered(order: ByteOrder) -> None:
+def test_maximum_length_can_be_lowered(order: ByteOrder) -> None:
     assert frames_of(frame_bytes(64, order), Framer(max_length=64)) != []
     for framer in (Framer(max_length=64), Framer(order, max_length=64)):
         with pytest.raises(FrameError, match=r'must be 12 … 64; is the byte order right\?'):
@@ -181,12 +179,12 @@ def test_the_maximum_length_can_be_lowered(order: ByteOrder) -> None:
 
 
 @pytest.mark.parametrize('max_length', [11, 0, -1, 65536])
-def test_a_maximum_length_that_detection_cannot_have_is_refused(max_length: int) -> None:
+def test_maximum_length_without_byte_order_detection_is_refused(max_length: int) -> None:
     with pytest.raises(ValueError, match=f'max_length = {max_length}: must be 12 … 65535'):
         Framer(max_length=max_length)
 
 
-def test_whole_frames_before_an_impossible_length_are_given_out() -> None:
+def test_complete_frames_before_an_invalid_length_are_returned() -> None:
     framer = Framer()
     framer.receive_data(STREAM + bytes(4) + STREAM)
     for _ in EXAMPLES:
@@ -195,7 +193,7 @@ def test_whole_frames_before_an_impossible_length_are_given_out() -> None:
         framer.next_frame()
 
 
-def test_after_an_error_the_error_repeats_whatever_comes() -> None:
+def test_error_repeats_for_all_later_bytes() -> None:
     framer = Framer(ByteOrder.LITTLE)
     framer.receive_data(bytes(4))
     texts = set()
@@ -208,7 +206,7 @@ def test_after_an_error_the_error_repeats_whatever_comes() -> None:
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_memory_is_bounded_after_an_error() -> None:
+def test_inv7_memory_is_bounded_after_an_error() -> None:
     framer = Framer()
     framer.receive_data(bytes(4))
 
@@ -230,11 +228,11 @@ def test_invariant_7_memory_is_bounded_after_an_error() -> None:
     finally:
         tracemalloc.stop()
     assert held(framer) == 0
-    assert after - before < 4096  # an error object that is kept and raised again grows
+    assert after - before < 4096  # an error object that is raised repeatedly grows
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_memory_is_bounded_while_a_long_frame_drips_in() -> None:
+def test_inv7_memory_is_bounded_during_a_slow_long_frame() -> None:
     stream = frame_bytes(65535)
     framer = Framer()
     for _ in range(3):
@@ -249,7 +247,7 @@ def test_invariant_7_memory_is_bounded_while_a_long_frame_drips_in() -> None:
 @pytest.mark.invariant(7)
 @settings(max_examples=examples(200))
 @given(data=st.data(), max_length=st.sampled_from([12, 64, 300, 65535]))
-def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
+def test_inv7_arbitrary_bytes_raise_only_frame_errors_and_bound_memory(
     data: st.DataObject, max_length: int
 ) -> None:
     order = data.draw(st.sampled_from([None, *ByteOrder]))
@@ -273,13 +271,13 @@ def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
 @pytest.mark.invariant(7)
 @given(garbage=st.binary(min_size=4, max_size=200))
 @example(garbage=bytes(4))
-def test_invariant_7_the_next_connection_is_not_touched_by_the_last(garbage: bytes) -> None:
+def test_inv7_next_connection_is_independent_of_the_last(garbage: bytes) -> None:
     outcome(Framer(), [garbage])
     assert len(frames_of(STREAM)) == len(EXAMPLES)
 
 
 def _chunks() -> st.SearchStrategy[bytes]:
-    """Return bytes without any sense, frames without any sense, and frames with one bad byte."""
+    """Return random bytes, random frames, and frames with one wrong byte."""
     word = st.integers(-2, 20) | st.integers(-(2**31), 2**31 - 1)
     framed = st.builds(
         lambda order, header, body: (
@@ -304,7 +302,7 @@ Outcome = list[object]
 
 
 def in_two_steps(chunks: list[bytes], order: ByteOrder | None) -> Outcome:
-    """Return packets, and the texts of errors, as `next_frame` and `decode` give them."""
+    """Return the packets and error texts of `next_frame` and `decode`."""
     framer, outcome = Framer(order), []
     for chunk in chunks:
         framer.receive_data(chunk)
@@ -322,7 +320,7 @@ def in_two_steps(chunks: list[bytes], order: ByteOrder | None) -> Outcome:
 
 
 def at_once(framer: PacketFramer, chunks: list[bytes]) -> Outcome:
-    """Return the same as `next_packet` gives it."""
+    """Return the packets and error texts of `next_packet`."""
     outcome: Outcome = []
     for chunk in chunks:
         framer.receive_data(chunk)
@@ -346,8 +344,8 @@ def seen(packet):
 @pytest.mark.invariant(7, 8)
 @settings(max_examples=examples(50))
 @given(data=st.data())
-def test_invariant_8_headers_that_came_before_change_nothing(data: st.DataObject) -> None:
-    """Frames repeat their headers, with other bodies; some bytes are wrong; cut anywhere."""
+def test_inv8_repeated_headers_do_not_change_the_result(data: st.DataObject) -> None:
+    """Frames have repeated headers, other bodies, some wrong bytes, and any segmentation."""
     dialect = data.draw(st.sampled_from(DIALECTS))
     few = data.draw(st.lists(packets(dialect), min_size=1, max_size=3))
     frames = [encode(packet, dialect) for packet in few] * 3
@@ -368,8 +366,8 @@ def test_one_byte_at_a_time() -> None:
     assert at_once(PacketFramer(), chunks) == in_two_steps([stream], None)
 
 
-def test_a_body_of_another_length_is_read_as_its_own_layout() -> None:
-    """One type, one header but for the length: float32, float64, and neither."""
+def test_body_of_another_length_has_its_own_layout() -> None:
+    """The same header has the lengths of float32, float64 and neither."""
     framer = PacketFramer()
     for _ in range(2):
         for dialect in DIALECTS[:2]:
@@ -384,7 +382,7 @@ def test_a_body_of_another_length_is_read_as_its_own_layout() -> None:
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_headers_that_no_controller_sends_are_not_kept() -> None:
+def test_inv7_unknown_headers_are_not_cached() -> None:
     framer = PacketFramer()
     for number in range(1000):
         for body in (b'', bytes(44)):

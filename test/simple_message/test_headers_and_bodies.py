@@ -94,7 +94,7 @@ def test_sizes_on_the_wire(
         ((7, 9, 9), 'comm_type = 9: must be 1 (topic), 2 (request) or 3 (reply)'),
     ],
 )
-def test_a_header_error_names_the_field(header: tuple[int, int, int], text: str) -> None:
+def test_header_error_names_the_field(header: tuple[int, int, int], text: str) -> None:
     with pytest.raises(HeaderError) as error:
         decode(Frame(*header, bytes(44), ByteOrder.LITTLE))
     assert str(error.value) == text
@@ -106,7 +106,7 @@ def test_a_header_error_names_the_field(header: tuple[int, int, int], text: str)
     comm_type=st.integers(-1, 4) | INT32,
     reply_code=st.integers(-1, 3) | INT32,
 )
-def test_a_header_is_accepted_exactly_when_rep_i0006_does(
+def test_header_is_accepted_exactly_by_the_rules_of_rep_i0006(
     msg_type: int, comm_type: int, reply_code: int
 ) -> None:
     legal = msg_type > 0 and (
@@ -122,12 +122,12 @@ def test_a_header_is_accepted_exactly_when_rep_i0006_does(
 
 @pytest.mark.parametrize(('msg_type', 'row'), SIZES_OF_TYPE.items(), ids=str)
 @pytest.mark.parametrize('comm_type', [1, 2])
-def test_a_body_error_names_the_type_and_its_sizes(
+def test_body_error_names_the_type_and_its_sizes(
     comm_type: int, msg_type: int, row: tuple[str, str]
 ) -> None:
     name, sizes = row
     allowed = {int(size) for size in sizes.split(' or ')}
-    if name == 'Ping':  # with what a message object had in it before
+    if name == 'Ping':  # with the field of an older message class
         allowed |= set(range(0, 300, 4))
     for size in range(300):
         frame = Frame(msg_type, comm_type, 0, bytes(size), ByteOrder.LITTLE)
@@ -148,7 +148,7 @@ def test_a_body_error_names_the_type_and_its_sizes(
 
 @pytest.mark.parametrize('msg_type', [*SIZES_OF_TYPE, 12])
 @pytest.mark.parametrize('code', [ReplyCode.SUCCESS, ReplyCode.FAILURE])
-def test_a_reply_may_have_any_body(code: ReplyCode, msg_type: int) -> None:
+def test_reply_may_have_any_body(code: ReplyCode, msg_type: int) -> None:
     for size in range(300):
         packet = decode(Frame(msg_type, 3, code, b'\x55' * size, ByteOrder.BIG))
         assert (packet.msg_type, packet.comm_type) == (msg_type, CommType.SERVICE_REPLY)
@@ -197,26 +197,26 @@ def test_a_reply_may_have_any_body(code: ReplyCode, msg_type: int) -> None:
     ],
     ids=lambda x: x[:40] if isinstance(x, str) else type(x).__name__,
 )
-def test_an_encode_error_names_the_field(message: Message, text: str) -> None:
+def test_encode_error_names_the_field(message: Message, text: str) -> None:
     with pytest.raises(FieldError) as error:
         encode(request(message), LITTLE_ENDIAN)
     assert str(error.value) == text
     assert error.value.field == text.split(' = ', 1)[0]
 
 
-def test_what_float32_cannot_hold_float64_can() -> None:
+def test_value_beyond_float32_is_encoded_in_float64() -> None:
     message = JointPosition(0, joint_data((1e39,)))
     wire = encode(request(message), Dialect(real=Real.FLOAT64))
     assert decode(frames_of(wire)[0]).message == message
 
 
-def test_the_longest_body_makes_a_frame_that_is_accepted() -> None:
+def test_longest_body_is_accepted() -> None:
     message = Opaque(1500, bytes(65523))
     (frame,) = frames_of(encode(request(message), LITTLE_ENDIAN))
     assert decode(frame).message == message
 
 
-def test_joint_data_is_filled_up_to_ten_with_zeros() -> None:
+def test_joint_data_has_ten_values_filled_with_zeros() -> None:
     assert joint_data((1.0, 2.0)) == (1.0, 2.0) + (0.0,) * 8
     assert joint_data([]) == (0.0,) * 10
     assert joint_data(range(10)) == tuple(range(10))
@@ -254,11 +254,11 @@ def test_joint_traj_in_the_form_of_rep_i0006(dialect: Dialect, count: int) -> No
     [
         b'',
         bytes(3),
-        struct.pack('<i', 1),  # no point, but one is announced
-        bytes(52),  # no number
+        struct.pack('<i', 1),  # one point announced, none sent
+        bytes(52),  # no number of points
         bytes(52) + struct.pack('<i', 2),
         bytes(52 * 2) + struct.pack('<i', 1),
-        struct.pack('<i', 11) + bytes(520),  # REP-I0006's form with more than it holds
+        struct.pack('<i', 11) + bytes(520),  # too long for REP-I0006's form
         struct.pack('<i', -1) + bytes(520),
         bytes(52 * 201) + struct.pack('<i', 201),
         bytes(100 * 201) + struct.pack('<i', 201),
@@ -266,7 +266,7 @@ def test_joint_traj_in_the_form_of_rep_i0006(dialect: Dialect, count: int) -> No
     ],
     ids=lambda body: f'{len(body)} bytes',
 )
-def test_a_joint_traj_with_a_wrong_number_of_points_is_refused(body: bytes) -> None:
+def test_joint_traj_with_a_wrong_number_of_points_is_refused(body: bytes) -> None:
     with pytest.raises(BodyError) as error:
         decode(Frame(12, 2, 0, body, ByteOrder.LITTLE))
     assert str(error.value) == (
@@ -275,7 +275,7 @@ def test_a_joint_traj_with_a_wrong_number_of_points_is_refused(body: bytes) -> N
 
 
 @pytest.mark.invariant(8)
-def test_invariant_8_the_points_of_a_joint_traj_keep_their_bits() -> None:
+def test_inv8_points_of_a_joint_traj_are_bit_exact() -> None:
     odd = JointTrajPt(-3, (float('nan'), -0.0, float('inf'), float('-inf'), *ZEROS[4:]), 1.0, -0.0)
     (frame,) = frames_of(encode(request(JointTraj((odd, odd))), LITTLE_ENDIAN))
     assert bits(decode(frame).message) == bits(JointTraj((odd, odd)))

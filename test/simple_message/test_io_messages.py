@@ -136,7 +136,7 @@ GOLDEN_IDS = [f'{type(row[0]).__name__} {len(row[3])}' for row in GOLDEN]
 
 @pytest.mark.parametrize(('message', 'msg_type', 'header', 'words'), GOLDEN, ids=GOLDEN_IDS)
 @pytest.mark.parametrize('dialect', [LITTLE_ENDIAN, BIG_ENDIAN], ids=['little', 'big'])
-def test_the_bytes_are_the_words_of_the_table(
+def test_encoded_io_message_has_the_words_of_the_table(
     message: Message,
     msg_type: int,
     header: tuple[int, int],
@@ -191,7 +191,7 @@ TOPICS = st.builds(IoPublish, INT32, st.lists(VALUES, max_size=4).map(tuple)).ma
 @pytest.mark.parametrize('order', ByteOrder, ids=lambda order: order.name)
 @settings(max_examples=examples(100))
 @given(packet=REQUESTS | REPLIES | TOPICS)
-def test_every_io_message_comes_back(order: ByteOrder, packet: Packet) -> None:
+def test_io_message_round_trip(order: ByteOrder, packet: Packet) -> None:
     (frame,) = frames_of(encode(packet, Dialect(order)))
     received = decode(frame)
     assert received.message == packet.message
@@ -205,7 +205,7 @@ def test_every_io_message_comes_back(order: ByteOrder, packet: Packet) -> None:
     body=st.binary(max_size=80)
     | st.lists(st.integers(-2, 8), max_size=16).map(lambda w: struct.pack(f'<{len(w)}i', *w)),
 )
-def test_any_body_is_a_message_or_a_body_error(
+def test_arbitrary_body_is_a_message_or_a_body_error(
     msg_type: int, header: tuple[int, int], body: bytes
 ) -> None:
     try:
@@ -264,7 +264,7 @@ def frame(msg_type: int, *words: int, header: tuple[int, int] = REQUEST) -> Fram
     ],
     ids=lambda value: value if isinstance(value, str) else str(value.msg_type),
 )
-def test_a_body_error_names_field_value_and_rule(wrong: Frame, text: str) -> None:
+def test_body_error_names_field_value_and_rule(wrong: Frame, text: str) -> None:
     with pytest.raises(BodyError) as error:
         decode(wrong)
     assert str(error.value) == text
@@ -294,7 +294,7 @@ def test_a_body_error_names_field_value_and_rule(wrong: Frame, text: str) -> Non
     ],
     ids=lambda value: value if isinstance(value, str) else type(value.message).__name__,
 )
-def test_an_encode_error_names_field_value_and_rule(packet: Packet, text: str) -> None:
+def test_encode_error_names_field_value_and_rule(packet: Packet, text: str) -> None:
     with pytest.raises(FieldError) as error:
         encode(packet, LITTLE_ENDIAN)
     assert str(error.value) == text
@@ -313,19 +313,19 @@ def test_an_encode_error_names_field_value_and_rule(packet: Packet, text: str) -
     ],
     ids=lambda packet: type(packet.message).__name__,
 )
-def test_the_longest_message_makes_a_frame_that_is_accepted(packet: Packet) -> None:
+def test_longest_io_message_is_accepted(packet: Packet) -> None:
     (longest,) = frames_of(encode(packet, LITTLE_ENDIAN))
     assert decode(longest).message == packet.message
 
 
 @pytest.mark.parametrize(('msg_type', 'code'), [*product(range(65200, 65206), (1, 2))])
-def test_a_reply_without_a_body_is_opaque(msg_type: int, code: int) -> None:
+def test_reply_without_a_body_is_opaque(msg_type: int, code: int) -> None:
     packet = decode(Frame(msg_type, 3, code, b'', ByteOrder.LITTLE))
     assert packet.message == Opaque(msg_type)
     assert packet.reply_code is ReplyCode(code)
 
 
-def test_the_same_words_mean_something_else_in_a_reply() -> None:
+def test_same_words_have_another_meaning_in_a_reply() -> None:
     words = (5, 1, 0)
     assert decode(frame(65201, 5, 0)).message == IoRead(5)
     assert decode(frame(65201, *words, header=REPLY)).message == IoReadReply(5, 1)
@@ -362,7 +362,7 @@ def test_motion_reply_is_72_bytes_long(order: str, dialect: Dialect) -> None:
     assert decode(frame).message == message
 
 
-def test_the_first_bytes_as_they_are_in_a_capture() -> None:
+def test_first_bytes_equal_a_capture() -> None:
     wire = encode(request(MotionCtrl(0, 0, Command.CHECK_MOTION_READY)), LITTLE_ENDIAN)
     assert wire == (
         bytes.fromhex('40000000 d1070000 02000000 00000000  00000000 00000000 a50d0300')
@@ -373,7 +373,7 @@ def test_the_first_bytes_as_they_are_in_a_capture() -> None:
 @pytest.mark.parametrize('dialect', DIALECTS, ids=str)
 @settings(max_examples=examples(40))
 @given(data=st.data())
-def test_every_value_comes_back_bit_exact(dialect: Dialect, data: st.DataObject) -> None:
+def test_motoman_values_round_trip_bit_exact(dialect: Dialect, data: st.DataObject) -> None:
     ten = st.tuples(*[FLOAT32] * 10)
     message = data.draw(
         st.builds(MotionCtrl, INT32, INT32, INT32, ten)
@@ -388,21 +388,21 @@ def test_every_value_comes_back_bit_exact(dialect: Dialect, data: st.DataObject)
 
 @pytest.mark.parametrize(('msg_type', 'size'), [(2001, 52), (2002, 60)])
 @pytest.mark.parametrize('off', [-4, -1, 1, 4])
-def test_a_body_of_another_length_is_refused(msg_type: int, size: int, off: int) -> None:
+def test_body_of_another_length_is_refused(msg_type: int, size: int, off: int) -> None:
     with pytest.raises(
         BodyError, match=f'body = .*{size + off} bytes.* has {size} or {size + 40}'
     ):
         decode(Frame(msg_type, 2, 0, bytes(size + off), LITTLE_ENDIAN.byte_order))
 
 
-def test_a_number_that_does_not_fit_is_named() -> None:
+def test_number_out_of_range_is_named() -> None:
     with pytest.raises(FieldError, match='command = 2147483648: must be an int32'):
         encode(request(MotionCtrl(0, 0, 2**31)), LITTLE_ENDIAN)
     with pytest.raises(FieldError, match=r'data = .*9 values.*: must have 10'):
         encode(request(MotionCtrl(0, 0, 0, (0.0,) * 9)), LITTLE_ENDIAN)
 
 
-def test_the_numbers_of_the_protocol() -> None:
+def test_protocol_numbers() -> None:
     assert (MessageType.MOTION_CTRL, MessageType.MOTION_REPLY) == (2001, 2002)
     assert [int(command) for command in Command] == [
         *(200101, 200102),
@@ -432,7 +432,7 @@ MESSAGES = [
 @pytest.mark.parametrize(
     ('order', 'dialect'), [('<', LITTLE_ENDIAN), ('>', BIG_ENDIAN)], ids=['little', 'big']
 )
-def test_each_message_has_the_bytes_of_motoros(msg_type, packet, words, order, dialect):
+def test_messages_have_the_bytes_of_motoros(msg_type, packet, words, order, dialect):
     header = (12 + 4 * len(words), msg_type, packet.comm_type, packet.reply_code)
     wire = struct.pack(f'{order}{4 + len(words)}i', *header, *words)
     assert encode(packet, dialect) == wire
@@ -441,10 +441,10 @@ def test_each_message_has_the_bytes_of_motoros(msg_type, packet, words, order, d
     assert dialect in DIALECTS
 
 
-def test_bits_are_addressed_by_group_and_place_as_on_the_teach_pendant():
+def test_bit_addresses_are_those_of_the_teach_pendant():
     assert [bit_address(GENERAL_INPUTS, index) for index in (0, 7, 8)] == [10, 17, 20]
     assert [bit_address(GENERAL_OUTPUTS, index) for index in (0, 15)] == [10010, 10027]
 
 
-def test_results_are_those_of_motoros():
+def test_result_codes_equal_motoros():
     assert [int(result) for result in MotomanIoResult] == [0, 1001, 1002, 1003, 1004, 1005]

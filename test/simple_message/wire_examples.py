@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes that real peers send, what they mean, and strategies for messages of every type."""
+"""Bytes of real peers with their meaning, and strategies for messages of every type."""
 
 import struct
 from dataclasses import dataclass, fields, is_dataclass
@@ -40,7 +40,7 @@ ZEROS = (0.0,) * 10
 
 @dataclass(frozen=True)
 class Example:
-    """A frame in little endian as hex words, and the packet that it is."""
+    """A little endian frame in hex words, and its packet."""
 
     name: str
     words: str
@@ -48,17 +48,17 @@ class Example:
 
     @property
     def little(self) -> bytes:
-        """The frame as a little endian controller sends it."""
+        """The frame in little endian."""
         return bytes.fromhex(self.words)
 
     @property
     def big(self) -> bytes:
-        """The frame as a big endian controller sends it."""
+        """The frame in big endian."""
         return reversed_words(self.little)
 
 
 def reversed_words(data: bytes) -> bytes:
-    """Reverse the bytes of every 32-bit word: the other byte order."""
+    """Reverse the bytes of every 32-bit word, to change the byte order."""
     return b''.join(data[at : at + 4][::-1] for at in range(0, len(data), 4))
 
 
@@ -174,7 +174,7 @@ EXAMPLES = (
 
 
 def frames_of(data: bytes, framer: Framer | None = None) -> list[Frame]:
-    """Return the frames of a stream that comes in one piece."""
+    """Return the frames of a stream received in one piece."""
     framer = framer or Framer()
     framer.receive_data(data)
     return drain(framer)
@@ -186,7 +186,7 @@ def drain(framer: Framer) -> list[Frame]:
 
 
 def bits(value: object) -> object:
-    """Return a message, or a part of one, with every float as its bytes: NaN and -0.0 count."""
+    """Return a message or a part with floats as bytes, to compare NaN and -0.0."""
     if is_dataclass(value):
         return type(value), *(bits(getattr(value, field.name)) for field in fields(value))
     if isinstance(value, tuple):
@@ -196,7 +196,7 @@ def bits(value: object) -> object:
 
 def _float32(word: int) -> float:
     if word & 0x7F800000 == 0x7F800000 and word & 0x7FFFFF:
-        word |= 0x400000  # Python turns signalling NaN into quiet ones, as the processor does
+        word |= 0x400000  # Python and processors turn signalling NaN into quiet ones
     value: float = struct.unpack('<f', struct.pack('<I', word))[0]
     return value
 

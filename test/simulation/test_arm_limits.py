@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An arm that exceeds a limit at an instant is found, however it moves."""
+"""A commanded motion beyond a limit at any instant is detected."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def extrema(motion):
 
 
 def sampled(motion, count=20001):
-    """What differences of positions, velocities and accelerations show: nearly as much."""
+    """Return the maxima of finite differences, which nearly reach the true extrema."""
     times = np.linspace(0.0, motion.duration, count)
     q, v, a = np.array([motion.at(time) for time in times.tolist()]).transpose(1, 0, 2)
     step = times[1]
@@ -43,7 +43,7 @@ def sampled(motion, count=20001):
     ]
 
 
-def on_the_way():
+def line():
     motion = go(LIMITS, START, FAR, 0.9, 0.8)
     return motion, motion.at(0.4 * motion.duration)
 
@@ -54,9 +54,9 @@ def curve():
 
 
 MOTIONS = {
-    'a line': lambda: on_the_way()[0],
-    'a stop on a line': lambda: on_the_way()[0].stop(0.2),
-    'a stop of each joint': lambda: stop_joints(LIMITS, *on_the_way()[1]),
+    'a line': lambda: line()[0],
+    'a stop on a line': lambda: line()[0].stop(0.2),
+    'a stop of each joint': lambda: stop_joints(LIMITS, *line()[1]),
     'two lines that overlap': lambda: JointMoves(
         START,
         [
@@ -69,13 +69,13 @@ MOTIONS = {
 
 
 @pytest.mark.parametrize('motion', MOTIONS.values(), ids=MOTIONS)
-def test_extrema_are_those_of_fine_samples_and_no_less(motion):
+def test_extrema_match_fine_samples_and_are_not_below_them(motion):
     found, seen = extrema(motion()), sampled(motion())
     assert np.all(np.array(found) >= np.array(seen) * (1.0 - 1e-6))
     assert found == pytest.approx(seen, rel=2e-3)
 
 
-def test_a_long_line_reaches_its_limits_and_no_more():
+def test_long_line_reaches_its_limits_exactly():
     far = START + np.array([2.8, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert extrema(go(LIMITS, START, far)) == pytest.approx([1.0] * 3, rel=1e-9)
 
@@ -90,8 +90,8 @@ def seed_of(smooth):
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('smooth', [False, True])
-def test_an_arm_that_is_moved_by_other_limits_is_found(monkeypatch, smooth):
-    """By thrice the limits it is still below its speed between two steps."""
+def test_inv2_arm_moved_with_other_limits_is_detected(monkeypatch, smooth):
+    """With three times the limits, its speed between two steps is still below the limit."""
 
     def thrice(limits):
         return replace(limits, acceleration=3.0 * limits.acceleration, jerk=3.0 * limits.jerk)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What seeds have found, with the fewest events."""
+"""Failures found by seeds, reduced to the fewest events."""
 
 import pytest
 
@@ -10,17 +10,17 @@ from simulation.world import World
 
 def world_of(profile):
     worlds = (World(str(seed)) for seed in range(1000))
-    return next(each for each in worlds if each.profile_name == profile and not each.in_python)
+    return next(world for world in worlds if world.profile_name == profile and not world.in_python)
 
 
 @pytest.mark.invariant(9)
-def test_an_output_that_is_read_while_the_link_ends_does_not_silence_the_next_link():
+def test_inv9_output_read_while_the_link_ends_does_not_block_the_next_link():
     reset = Event(1.0, 'network_reset', {'port': 'motion'})
     world_of('remote').play([reset, Event(0.0, 'read_output', {'index': 0})])
 
 
 @pytest.mark.invariant(4)
-def test_the_first_thing_that_a_line_has_held_up_in_a_page_is_late_too():
+def test_inv4_first_message_delayed_in_a_page_counts_as_late():
     hand = {'axis': 'X', 'frame': 'world', 'share': 0.25, 'arms': True, 'seconds': 0.8}
     World('1100000018').play(
         [
@@ -33,8 +33,8 @@ def test_the_first_thing_that_a_line_has_held_up_in_a_page_is_late_too():
 
 
 @pytest.mark.invariant(4)
-def test_a_goal_does_not_outlive_the_program_that_a_person_has_stopped():
-    """Its points are held up until the program has been started again."""
+def test_inv4_goal_ends_when_a_user_stops_the_program():
+    """Its points are delayed until the program runs again."""
     World('832062190').play(
         [
             Event(1.4664, 'goal', {'step': 0.1, 'offsets': [[0.004] * 6] * 2, 'from_here': True}),
@@ -46,13 +46,13 @@ def test_a_goal_does_not_outlive_the_program_that_a_person_has_stopped():
 
 
 @pytest.mark.invariant(5, 9)
-def test_a_motoman_that_cannot_plan_any_more_says_so():
-    """It had answered all points; its goal waited for ever, as if somebody had paused it."""
+def test_inv9_goal_ends_if_a_motoman_can_no_longer_plan():
+    """It had answered all points, so the goal waited forever, like during a pause."""
     World('20').play([Event(4.5819, 'worker_hangs', {'which': 'planner'})])
 
 
-def test_a_program_that_connects_yet_does_not_leave():
-    """It was judged as one that had left, and its stream as one that nobody wanted."""
+def test_driver_that_still_connects_does_not_count_as_disconnected():
+    """The oracle treated its stream as one without a driver."""
     stream = {'publisher': 1, 'kind': 'from here', 'period': 0.05, 'zero_each': 25}
     speed = [0.0, -0.189, -0.298, 0.141, 0.105, -0.12]
     mends = [Event(after, 'mend', {}) for after in (0.1897, 2.2283, 0.1139, 3.8999)]
@@ -164,16 +164,16 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
     ],
     ids=[
         'braking after a new client',
-        'a program that hung',
-        'STATUS is rare',
+        'a stalled program',
+        'a rare STATUS',
         'a slow goal',
-        'who hangs ends later',
-        'who hangs reads later',
-        'bits that were wrong while somebody hung',
-        'where a stream had not come while the driver hung',
-        'a goal that is there before it begins',
-        'who ends in good order has stopped the arm',
+        'a stalled driver ends a goal later',
+        'a stalled driver reads later',
+        'bit errors during a stall',
+        'setpoints not received during a stall',
+        'a goal at its end before it starts',
+        'a shut down driver has stopped the arm',
     ],
 )
-def test_what_is_right_is_not_taken_for_wrong(seed, events):
+def test_correct_behaviour_is_not_reported_as_a_failure(seed, events):
     World(seed).play(events)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The network in memory ends connections, and holds bytes back, as the system's does."""
+"""The network in memory ends connections and delays bytes like the operating system."""
 
 import asyncio
 
@@ -27,20 +27,20 @@ async def connected(network):
     return port, (reader, writer), await asyncio.open_connection(sock=sock)
 
 
-def test_bytes_come_in_order_after_the_delay_and_then_the_end():
+def test_bytes_arrive_in_order_after_the_delay_followed_by_the_end():
     async def scenario(network):
         _, (_, writer), (reader, _) = await connected(network)
-        began = asyncio.get_running_loop().time()
+        start = asyncio.get_running_loop().time()
         writer.write(b'one ')
         writer.write(b'two')
         writer.close()
         assert await reader.read() == b'one two'
-        assert 0.01 <= asyncio.get_running_loop().time() - began < 0.011
+        assert 0.01 <= asyncio.get_running_loop().time() - start < 0.011
 
     run(scenario)
 
 
-def test_a_port_on_which_nobody_listens_refuses():
+def test_closed_port_refuses_connections():
     async def scenario(_network):
         with pytest.raises(ConnectionRefusedError):
             await asyncio.open_connection(HOST, 1)
@@ -48,7 +48,7 @@ def test_a_port_on_which_nobody_listens_refuses():
     run(scenario)
 
 
-def test_a_reset_drops_what_was_not_read():
+def test_reset_drops_unread_bytes():
     async def scenario(network):
         port, (_, writer), (reader, _) = await connected(network)
         writer.write(b'lost')
@@ -59,7 +59,7 @@ def test_a_reset_drops_what_was_not_read():
     run(scenario)
 
 
-def test_nothing_is_read_behind_the_end():
+def test_bytes_after_the_end_are_not_read():
     async def scenario(network):
         port, (_, writer), (reader, _) = await connected(network)
         network.half_close(port)
@@ -70,20 +70,20 @@ def test_nothing_is_read_behind_the_end():
     run(scenario)
 
 
-def test_a_stalled_port_holds_back_everything_until_it_is_released():
+def test_stalled_port_delays_bytes_until_it_is_released():
     async def scenario(network):
         port, (_, writer), (reader, _) = await connected(network)
         network.stall(port)
         writer.write(b'late')
         asyncio.get_running_loop().call_later(2.0, network.release, port)
-        began = asyncio.get_running_loop().time()
+        start = asyncio.get_running_loop().time()
         assert await reader.read(4) == b'late'
-        assert asyncio.get_running_loop().time() - began >= 2.0
+        assert asyncio.get_running_loop().time() - start >= 2.0
 
     run(scenario)
 
 
-def test_what_nobody_reads_counts_as_unsent_and_whoever_sends_waits():
+def test_unread_bytes_count_as_unsent_and_block_the_sender():
     async def scenario(network):
         _, (_, writer), (reader, _) = await connected(network)
         writer.write(bytes(4 * HIGH_WATER_BYTES))
@@ -99,7 +99,7 @@ def test_what_nobody_reads_counts_as_unsent_and_whoever_sends_waits():
     run(scenario)
 
 
-def test_a_process_that_dies_closes_its_connections_and_does_nothing_more():
+def test_killed_process_closes_its_connections_and_runs_no_more():
     async def scenario(network):
         loop = asyncio.get_running_loop()
         beats = []
@@ -128,7 +128,7 @@ def test_a_process_that_dies_closes_its_connections_and_does_nothing_more():
     run(scenario)
 
 
-def test_a_process_that_hangs_does_afterwards_what_is_overdue():
+def test_stopped_process_runs_overdue_timers_in_order_later():
     async def scenario(_network):
         loop = asyncio.get_running_loop()
         seen = []

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Defects of the past are put back one by one: a seed finds each."""
+"""Old defects are reintroduced one by one, and a seed finds each."""
 
 import pytest
 from support.old_defects import DEFECTS, finds
 
 
 @pytest.mark.parametrize('name', DEFECTS)
-def test_an_old_defect_is_found(name: str) -> None:
+def test_old_defect_is_found(name: str) -> None:
     seed, _ = DEFECTS[name]
-    assert finds(seed, name), f'look for another seed: see {finds.__module__}'
+    assert finds(seed, name), f'search for another seed with {finds.__module__}'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An output that nobody asked for, or that is not what was answered, is seen."""
+"""An unrequested output, or an output that differs from its answer, is detected."""
 
 import pytest
 
@@ -27,10 +27,10 @@ def world():
 
 
 def broken(world):
-    return [str(each).partition(':')[0] for each in world.broken]
+    return [str(failure).partition(':')[0] for failure in world.broken]
 
 
-def test_what_was_asked_for_and_a_safe_value_are_fine(world):
+def test_requested_value_and_safe_value_are_accepted(world):
     with world.outputs.reading(1) as held:
         with world.outputs.writing(1, 1) as writing:
             world.write(1)
@@ -41,7 +41,7 @@ def test_what_was_asked_for_and_a_safe_value_are_fine(world):
 
 
 @pytest.mark.invariant(1)
-def test_a_value_that_nobody_asked_for_is_seen(world):
+def test_inv1_unrequested_value_is_detected(world):
     world.write(1)
     assert broken(world) == ['1']
 
@@ -50,7 +50,7 @@ def test_a_value_that_nobody_asked_for_is_seen(world):
 @pytest.mark.parametrize(
     ('after', 'seen'), [(LATE_WRITE_S - 1.0, []), (LATE_WRITE_S + 1.0, ['1'])]
 )
-def test_a_write_without_an_answer_counts_for_a_while(world, after, seen):
+def test_inv1_write_without_an_answer_may_take_effect_for_a_limited_time(world, after, seen):
     with world.outputs.writing(1, 1):
         pass
     world.now = after
@@ -59,7 +59,7 @@ def test_a_write_without_an_answer_counts_for_a_while(world, after, seen):
 
 
 @pytest.mark.invariant(9)
-def test_an_answer_that_is_not_true_is_seen(world):
+def test_inv9_false_answer_is_detected(world):
     with world.outputs.writing(1, 1) as writing:
         writing.done()
     assert broken(world) == ['9']

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person at the panel has started ends with its page, and the simulation would see it."""
+"""Motions of a panel user end with the page, and the simulation detects it if they do not."""
 
 import pytest
 
@@ -20,9 +20,9 @@ LATER = Event(6.0, 'goal', {'step': 1.0, 'offsets': [[0.0] * 6], 'from_here': Tr
 
 
 def world_of(profile):
-    """Return a world with a controller of that profile and a quick network."""
+    """Return a world with a controller of this profile and a fast network."""
     worlds = (World(str(seed)) for seed in range(1000))
-    return next(each for each in worlds if each.profile_name == profile and each.delay < 0.01)
+    return next(world for world in worlds if world.profile_name == profile and world.delay < 0.01)
 
 
 def play(profile, *events):
@@ -32,25 +32,25 @@ def play(profile, *events):
 
 
 @pytest.mark.invariant(3, 4)
-def test_a_page_that_freezes_takes_its_goal_with_it():
+def test_inv3_frozen_page_ends_its_goal():
     log = play('rc700a', STEP, FREEZE)
     assert 'the armed window is frozen, hidden or cut off' in log
     assert 'goal 1: canceled' in log
 
 
-def test_a_goal_that_outlives_its_page_is_seen(monkeypatch):
+def test_goal_that_outlives_its_page_is_detected(monkeypatch):
     monkeypatch.setattr(Arming, 'watch', lambda self: None)
     with pytest.raises(BrokenError, match=r'3: the arm still moves|4: the arm moves'):
         play('rc700a', STEP, FREEZE)
 
 
 @pytest.mark.invariant(3, 4)
-def test_a_button_that_is_held_in_a_frozen_page_moves_nothing():
+def test_inv3_button_pressed_in_a_frozen_page_moves_nothing():
     assert 'panel disarmed' in play('rc700a', JOG, FREEZE)
 
 
-def test_a_stream_that_outlives_its_sender_is_seen(monkeypatch):
-    monkeypatch.setattr(Arming, 'watch', lambda self: None)  # which would end it
+def test_stream_that_outlives_its_sender_is_detected(monkeypatch):
+    monkeypatch.setattr(Arming, 'watch', lambda self: None)  # it would end the stream
     init = Servo.__init__
 
     def patient(self, *arguments):
@@ -66,5 +66,5 @@ STALL = Event(0.5, 'panel_line_stalls', {'seconds': 4.0})
 
 
 @pytest.mark.invariant(4)
-def test_what_a_line_has_held_up_moves_nothing():
+def test_inv4_delayed_jog_messages_move_nothing():
     play('rc700a', JOG, STALL)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The order of a world is that of its timers, whatever passes on what has happened."""
+"""The order of events in a world is the order of its timers."""
 
 import asyncio
 from contextvars import copy_context
@@ -21,12 +21,12 @@ def run(scenario):
 
 
 @pytest.mark.parametrize('turns', [0, 1, 7])
-def test_what_follows_from_a_timer_happens_before_the_next_one_at_the_same_time(turns):
+def test_consequences_of_a_timer_precede_the_next_timer_of_that_time(turns):
     async def scenario():
         loop, seen = asyncio.get_running_loop(), []
 
         async def follow(name):
-            for _ in range(turns):  # another Python needs more of them
+            for _ in range(turns):  # Python versions differ in their number
                 await asyncio.sleep(0)
             seen.append((name, loop.time()))
 
@@ -40,7 +40,7 @@ def test_what_follows_from_a_timer_happens_before_the_next_one_at_the_same_time(
     assert seen == [('first', when), ('second', when)]
 
 
-def test_a_task_that_spins_is_said(monkeypatch):
+def test_endless_callbacks_are_reported(monkeypatch):
     monkeypatch.setattr(virtual_loop, 'MAX_CALLS', 100)
 
     async def scenario():
@@ -57,15 +57,15 @@ def test_a_task_that_spins_is_said(monkeypatch):
 
 
 @pytest.mark.parametrize('rate', [0.5, 1.0, 2.0])
-def test_a_clock_that_drifts_is_its_processs_own(rate):
+def test_clock_drift_affects_one_process_only(rate):
     async def scenario():
         loop, seen = asyncio.get_running_loop(), []
 
         async def sleep_twice():
             for _ in range(2):
-                begun = loop.time()
+                start = loop.time()
                 await asyncio.sleep(1.0)
-                seen.append((loop.time() - begun, loop.now - START_S))
+                seen.append((loop.time() - start, loop.now - START_S))
 
         drifting = copy_context()
         drifting.run(PROCESS.set, 'controller')
@@ -83,7 +83,7 @@ def test_a_clock_that_drifts_is_its_processs_own(rate):
     assert second == pytest.approx((1.0, 1.0 + 1.0 / rate))
 
 
-def test_what_is_left_ends_in_the_order_in_which_it_began():
+def test_remaining_tasks_end_in_the_order_of_their_start():
     ended = []
 
     async def wait(number):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds of fixed seeds hold; the same seed is the same run; a failure is made short."""
+"""Worlds of fixed seeds hold, equal seeds give equal runs, and failures are reduced."""
 
 import asyncio
 import contextlib
@@ -23,7 +23,7 @@ from simulation.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK, ALL, BLOCK = 28, 40, 6
-"""Blocks of worlds in the quick tests, and with the slow ones; worlds in a block."""
+"""Blocks of worlds in the quick tests and with the slow ones, and worlds per block."""
 
 
 @pytest.mark.invariant(1, 2, 3, 4, 5, 6, 8, 9)
@@ -34,32 +34,32 @@ QUICK, ALL, BLOCK = 28, 40, 6
         *(pytest.param(block, marks=pytest.mark.slow) for block in range(QUICK, ALL)),
     ],
 )
-def test_a_world_holds_what_is_promised(block):
+def test_world_holds_the_invariants(block):
     for seed in range(block * BLOCK, (block + 1) * BLOCK):
         world = World(str(seed))
         world.play(events_of(str(seed)))
         assert world.broken is None
 
 
-def test_a_seed_that_was_varied_is_another_world_with_the_same_controller():
+def test_varied_seed_is_another_world_with_the_same_controller():
     assert events_of('7.3') != events_of('7')
     assert World('7.3').profile_name == World('7').profile_name
 
 
-@pytest.mark.parametrize('believed', [False, True])
-def test_a_system_clock_that_is_set_moves_no_arm(monkeypatch, believed):
-    """Where a driver believed it, a stream would go on for as long as the clock was set back."""
+@pytest.mark.parametrize('trusted', [False, True])
+def test_setting_the_system_clock_moves_no_arm(monkeypatch, trusted):
+    """A driver that trusts the clock would extend a stream by the time that it is set back."""
 
-    def believing(received):
+    def trusting(received):
         return time.monotonic() - (time.time() - received * 1e-9)
 
-    if believed:
-        monkeypatch.setattr(processes, 'came_at', believing)
-    with pytest.raises(BrokenError, match='3: ') if believed else contextlib.nullcontext():
+    if trusted:
+        monkeypatch.setattr(processes, 'came_at', trusting)
+    with pytest.raises(BrokenError, match='3: ') if trusted else contextlib.nullcontext():
         World('683').play(events_of('683'))
 
 
-def test_connections_that_become_more_are_told(monkeypatch):
+def test_growing_number_of_connections_is_detected(monkeypatch):
     kept = []
 
     async def stay(self, port, _seconds):
@@ -72,7 +72,7 @@ def test_connections_that_become_more_are_told(monkeypatch):
 
 
 @pytest.mark.parametrize('what', ['task', 'timer'])
-def test_work_that_becomes_more_is_told(monkeypatch, what):
+def test_growing_number_of_tasks_is_detected(monkeypatch, what):
     submit, kept = NodeProcess._submit, []
 
     async def forever():
@@ -91,7 +91,7 @@ def test_work_that_becomes_more_is_told(monkeypatch, what):
         World('1').play([Event(0.5, 'goal', still)] * 6)
 
 
-def test_the_same_seed_is_the_same_run_in_every_process():
+def test_same_seed_gives_the_same_run_in_every_process():
     def log(hash_seed, **variables):
         return subprocess.run(
             [sys.executable, '-m', 'simulation', '--seed', '1004', '--log'],
@@ -100,15 +100,15 @@ def test_the_same_seed_is_the_same_run_in_every_process():
             capture_output=True,
             text=True,
             check=True,
-        ).stdout.rpartition('\n1 worlds')[0]  # the last line tells the processor's time
+        ).stdout.rpartition('\n1 worlds')[0]  # the last line has the processor time
 
     here = log('1')
     assert len(here.splitlines()) > 20
-    assert log('2', OPENBLAS_CORETYPE='Prescott') == here  # another matrix kernel, on any x86-64
+    assert log('2', OPENBLAS_CORETYPE='Prescott') == here  # another matrix kernel
 
 
 def broken(seeds):
-    """Return the first of these seeds whose world breaks, its events, and how."""
+    """Return the first of these seeds whose world breaks, its events and the failure."""
     for seed in seeds:
         events = [*events_of(seed), Event(0.1, 'stop', {})]
         try:
@@ -119,7 +119,7 @@ def broken(seeds):
 
 
 @pytest.mark.slow
-def test_a_failure_is_made_as_short_as_it_can_be(monkeypatch):
+def test_failure_is_reduced_to_few_events(monkeypatch):
     monkeypatch.setattr(Stopper, 'stop', lambda self: None)
     seed, events, failure = broken(map(str, range(7, 20)))
     fewer = shrunk(seed, events, failure)

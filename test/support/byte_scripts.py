@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What clients send to the motion port, as scripts: the same bytes for every program.
+"""Scripts of a client at the motion port, which send the same bytes to every program.
 
-A script is a list of bytes, numbers and words: bytes are sent, a number is a time that passes, s,
-a word is what happens to the controller.
+A script is a list of bytes to send, times to wait, s, and words for events at the controller.
 """
 
 import struct
@@ -24,7 +23,7 @@ def at(*degrees):
 
 
 def line(count, first=0, step=2.0, comm_type=REQUEST, seconds=0.3):
-    """Return points along joint 1, each with its sequence."""
+    """Return points along joint 1 with consecutive sequences."""
     return [
         point(first + number, at(step * (number + 1)), 0.0, seconds, comm_type)
         for number in range(count)
@@ -32,7 +31,7 @@ def line(count, first=0, step=2.0, comm_type=REQUEST, seconds=0.3):
 
 
 def ten(*values):
-    """Return a point with ten joints, of which the robot lacks four."""
+    """Return a point with ten joints, four more than the robot has."""
     return frame(11, REQUEST, 0, struct.pack('<i12f', 0, *at(1.0), *values, 0.0, 0.5))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One robot cell of real processes: a simulated controller, the driver's node, a ROS peer."""
+"""A robot cell of real processes: a simulated controller, the driver's node and a ROS peer."""
 
 import asyncio
 from pathlib import Path
@@ -14,30 +14,30 @@ from support import patient
 from support.controller_harness import do
 from support.ros_peer import PATIENCE, RosPeer
 
-processes.END_TIMEOUT_S = PATIENCE  # a process that is not scheduled does not hang
+processes.END_TIMEOUT_S = PATIENCE  # a process may not be scheduled for a long time
 
 SLOW_PLANS = {'require_planned_speed': False}
-"""Plans are slow here, so that there is time for what happens in the middle of them."""
+"""Settings for slow plans, which leave time for events during a motion."""
 
 TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
-"""A controller that is not scheduled is not silent. Who tests a time-out says how long it is."""
+"""A controller that is not scheduled does not count as silent. Tests of a timeout set it."""
 
 LASTS = 60.0
-"""A motion that is interrupted would take this long, s: who is late still finds the arm on it."""
+"""Duration of a motion that a test interrupts, s, long enough for a slow machine."""
 
 SPEL = '--controller=spel'
-"""A controller whose program is in SPEL+: how it moves and what it sends, its statements say."""
+"""A controller with a SPEL+ program, which determines its motions and messages."""
 
 PROGRAMS = ('built-in', pytest.param('spel', marks=pytest.mark.slow))
-"""The controller's programs, for tests of what holds with each: see `cell_with`."""
+"""The controller's programs, for tests that apply to both (see `cell_with`)."""
 
 START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
 
 
 class Cell:
-    """One controller, one driver, one peer, on ports and a domain of their own.
+    """A controller, a driver and a peer with separate ports and ROS domain.
 
-    The driver is patient with a machine that is busy (patient.py), unless `patience` is False.
+    The driver has long timeouts for busy machines (patient.py) unless `patience` is False.
     `run`: words before its command.
     """
 
@@ -66,7 +66,7 @@ class Cell:
         return self
 
     def _start_controller(self, ports: processes.Ports | None) -> processes.Process:
-        # a quarter of the states that a C3 sends, and of the work
+        # a quarter of a C3's state messages, and of the work
         usual = () if self.spel else ('--motion=ptp', '--state-period=0.02')
         return processes.sim_controller(
             self._folder / 'controller.log',
@@ -81,24 +81,24 @@ class Cell:
         return processes.client(log, self.ports, self.domain, run=self._run, **self._parameters)
 
     def restart_controller(self, start: list[float] | None = None) -> None:
-        """Start it again on the same ports."""
+        """Restart the controller on the same ports."""
         self.start = START if start is None else start
         self.controller = self._start_controller(self.ports)
         self.controller.ports()
 
     def restart_client(self) -> None:
-        """Start it again, with a peer that has never heard of the one before."""
+        """Restart the client with a new peer."""
         self.peer.close()
         self.client = self._start_client()
         self.peer = RosPeer(self.domain)
         self.ready()
 
     def pendant(self, *words: str) -> None:
-        """Do what a person does at the controller."""
+        """Perform a user's action at the controller."""
         do(self.ports.remote, *words)
 
     def motors(self, on: bool) -> None:
-        """Switch the motors; a SPEL+ program is stopped first, and started with them."""
+        """Switch the motors. A SPEL+ program is stopped before, and started with them."""
         if not self.spel:
             self.pendant('motors', 'on' if on else 'off')
             return

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories with irregular times, and how far from its time a smoother passes each point."""
+"""Trajectories with irregular times, and the time errors of a smoother at their points."""
 
 import zlib
 from collections.abc import Callable
@@ -16,17 +16,17 @@ from epson_driver.motion.smoother import Mode
 from epson_driver.motion.smoother.request import ActivePlan
 
 TOLERANCE_S, TOLERANCE_SHARE = 0.05, 0.02
-"""How far from its commanded time a point may be passed: s, or of the trajectory's time."""
+"""Maximum time error at a point: s, and share of the trajectory's duration."""
 
 STEP_S = 0.004
 
 PASSAGE_STEP_S = 5e-4
-"""Between this, s, the passage of a knot is looked for by straight lines."""
+"""Interval of linear interpolation for the passage of a knot, s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clocked:
-    """Points of shape (k, n), how long each way to the next should take, shape (k - 1,), s."""
+    """Points of shape (k, n), and the time to each next one, shape (k - 1,), s."""
 
     positions: Array
     durations: Array
@@ -34,17 +34,17 @@ class Clocked:
 
     @property
     def tolerance(self) -> float:
-        """How far from its time a point may be passed, s."""
+        """Maximum time error at a point, s."""
         return tolerance(float(self.durations.sum()))
 
 
 def tolerance(commanded: float) -> float:
-    """Return how far from its time a point of so long a trajectory may be passed, s."""
+    """Return the maximum time error at a point of a trajectory of this duration, s."""
     return max(TOLERANCE_S, TOLERANCE_SHARE * commanded)
 
 
 Change = Callable[[np.random.Generator, Array, Array], tuple[Array, Array]]
-"""From positions and durations at an even pace to irregular ones."""
+"""Turns positions and durations at an even pace into irregular ones."""
 
 
 def _wrong(rng: np.random.Generator, positions: Array, durations: Array) -> tuple[Array, Array]:
@@ -63,8 +63,8 @@ def _doubled(rng: np.random.Generator, positions: Array, durations: Array) -> tu
         points.append(position)
         times.append(duration)
         if rng.random() < 0.3:
-            beside = rng.uniform(-1.0, 1.0, len(position)) * rng.choice([0.0, 2.4e-4])
-            points.append(position + beside)
+            offset = rng.uniform(-1.0, 1.0, len(position)) * rng.choice([0.0, 2.4e-4])
+            points.append(position + offset)
             times.append(rng.uniform(0.001, 0.1))
     return np.array(points), np.array(times)
 
@@ -72,11 +72,11 @@ def _doubled(rng: np.random.Generator, positions: Array, durations: Array) -> tu
 def _irregular(
     rng: np.random.Generator, positions: Array, durations: Array
 ) -> tuple[Array, Array]:
-    """Some points of an even motion, with steps of any size between them."""
-    kept = np.flatnonzero(rng.random(len(positions)) < rng.choice([0.3, 0.7]))
-    kept = np.union1d(kept, [0, len(positions) - 1])
+    """Select some points of an even motion, with steps of any size between them."""
+    selected = np.flatnonzero(rng.random(len(positions)) < rng.choice([0.3, 0.7]))
+    selected = np.union1d(selected, [0, len(positions) - 1])
     clock = np.append(0.0, np.cumsum(durations))
-    return positions[kept], np.diff(clock[kept])
+    return positions[selected], np.diff(clock[selected])
 
 
 CLOCKS: dict[str, Change] = {
@@ -85,25 +85,25 @@ CLOCKS: dict[str, Change] = {
     'doubled': _doubled,
     'irregular': _irregular,
 }
-"""One step in eight 5 times too long; all times off by a factor; points that come twice within
-0.1 s, up to 0.24 mrad beside; and points of an even motion that are left out."""
+"""One step in eight 5 times too long, all times off by a factor, points repeated within 0.1 s
+with up to 0.24 mrad of offset, and points of an even motion left out."""
 
 
 def clocked(kind: str, seed: int) -> Clocked:
-    """Return a random trajectory with irregular times that leave the joints time enough."""
+    """Return a random trajectory with irregular times that the joint velocities allow."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
     limits = limit_set('full')
     poses = np.array([inside(rng, limits, 0.79) for _ in range(6)])
     positions = splined(poses, int(rng.integers(30, 110)))
-    ways = np.max(np.abs(np.diff(positions, axis=0)) / limits.velocity, axis=1)
-    durations = rng.uniform(6.0, 12.0) * np.maximum(ways, ways.mean())
+    distances = np.max(np.abs(np.diff(positions, axis=0)) / limits.velocity, axis=1)
+    durations = rng.uniform(6.0, 12.0) * np.maximum(distances, distances.mean())
     return Clocked(*CLOCKS[kind](rng, positions, durations), limits)
 
 
 def off_the_clock(member: Clocked, known: float = np.inf) -> tuple[float, float]:
-    """Return how much too early a point is passed at most, and how much too late, s.
+    """Return the largest time by which a point is passed too early, and too late, s.
 
-    known: how much is known ahead, s.
+    known: time span of known points ahead, s.
     """
     smoother = Recorded(member.limits, member.positions[0], Mode.TIME_PRESERVING)
     fed = 1
@@ -118,18 +118,17 @@ def off_the_clock(member: Clocked, known: float = np.inf) -> tuple[float, float]
 
 
 def clock_errors(smoother: Recorded) -> tuple[float, float]:
-    """Return how much too early a point was passed at most, and how much too late, s.
+    """Return the largest time by which a point was passed too early, and too late, s.
 
-    By the times of the points from where the motion began. Of points that count as one, the time
-    is in the middle.
+    The times are those since the start of the motion. Points that are merged have the mean time.
     """
     passed: dict[int, float] = {}
-    ends = [begin for begin, _ in smoother.executed[1:]] + [smoother.now]
-    began = np.nan
-    for (begin, what), end in zip(smoother.executed, ends, strict=True):
+    ends = [start for start, _ in smoother.executed[1:]] + [smoother.now]
+    motion_start = np.nan
+    for (start, what), end in zip(smoother.executed, ends, strict=True):
         if not isinstance(what, ActivePlan):
             continue
-        began = begin if np.isnan(began) else began
+        motion_start = start if np.isnan(motion_start) else motion_start
         timing = what.timing
         count = int(timing.duration / PASSAGE_STEP_S) + 2
         times = np.linspace(0.0, timing.duration, count)
@@ -137,6 +136,6 @@ def clock_errors(smoother: Recorded) -> tuple[float, float]:
         for point, time in zip(
             what.route, what.begin + np.interp(what.path.knots.u, us, times), strict=True
         ):
-            if begin <= time <= end and point.index > 0:
-                passed.setdefault(point.index, float(time) - began - point.clock)
+            if start <= time <= end and point.index > 0:
+                passed.setdefault(point.index, float(time) - motion_start - point.clock)
     return -min(passed.values()), max(passed.values())

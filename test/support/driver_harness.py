@@ -252,13 +252,14 @@ async def simulated(dialect=None, profile='simulated', model=None, *, smooth=Fal
         await servers.close()
 
 
-def options_of(name):
-    """Return the part of a driver's configuration that a profile sets."""
-    profile = load_controller_profile(name)
+def options_of(profile, interface=None):
+    """Return the options of a driver for a profile or a profile's name."""
+    if isinstance(profile, str):
+        profile = load_controller_profile(profile)
     defaults = profile_defaults(profile)
+    interface = interface or defaults['interface']
     return {
-        'delivery': delivery_rules(profile, 'streaming', defaults['point_message']),
-        'usual_byte_order': profile.byte_order,
+        'delivery': delivery_rules(profile, interface, defaults['point_message']),
         'motors': profile.program.motors,
     }
 

@@ -1,14 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How asynchronous tests run: `async def test_…` as by `run`, with `until(condition)` inside.
+"""Asynchronous tests: `async def test_…` runs like with `run`, and waits by `until(condition)`.
 
-Sockets are real, time is virtual: when every callback has run and nothing more can be read, the
-loop's clock jumps to its next timer. What takes ten seconds takes as long as its work does, and a
-machine that is busy makes a test slower, but never changes what it sees: no timer is late.
+Sockets are real and time is virtual. When all callbacks have run and no bytes can be read, the
+loop's clock jumps to the next timer. A busy machine makes a test slower but does not change its
+result, because no timer is late.
 
-What works in another process does so in real time: such tests say `run(scenario(),
-real_time=True)`, or `with real_time():` where they wait for it. While a thread works for the loop
-(`run_in_executor`), time is real by itself.
+Another process works in real time. Tests with one use `run(scenario(), real_time=True)`, or
+`with real_time():` while they wait for it. Time is real automatically while a thread works for the
+loop (`run_in_executor`).
 """
 
 import asyncio
@@ -25,37 +25,36 @@ from functools import partial
 from typing import Any
 
 PATIENCE = 60.0
-"""How long a test may take before it fails, s of its loop's time."""
+"""Timeout of a test, s of its loop's time."""
 
 GRACE = 2e-4
-"""How long the loop waits, s of real time, for bytes that are still on their way through the
-system before it takes nothing to be left to do. The call that sends them delivers them; on a busy
-machine the system may put that off."""
+"""Real time for which an idle loop waits for bytes in the system, s. The sending call delivers
+them, but a busy system may delay that."""
 
 CONNECT_GRACE = 1.0
-"""The same for a connection that is neither there nor refused yet, s of real time."""
+"""The same for a connection that is neither established nor refused, s of real time."""
 
 TCP_SYN_SENT = 2
-"""A connection that was asked for and not answered yet (Linux, tcp_states.h)."""
+"""State of a pending connection (Linux, tcp_states.h)."""
 
 TURN = 1e-6
-"""What a turn of the loop takes, s of virtual time. Without it a timer for the rest of a rounding
-error would be due at once, again and again."""
+"""Virtual time of one loop iteration, s. Without it, a timer for a rounding error would be due
+repeatedly."""
 
 LOOK = 0.01
-"""How often a condition is looked at in real time when nothing happens in the loop, s: a thread or
-another process may make it hold."""
+"""Polling interval for conditions in real time, s, because a thread or another process may change
+them."""
 
 START = 1000.0
-"""The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
+"""The loop's initial time, s, which is not 0 because 0 may mean 'never'."""
 
 
 _MAY_HANG: ContextVar[bool] = ContextVar('may_hang', default=False)
-"""Set in what belongs to a process that a test lets hang; what it starts inherits it."""
+"""Set in a process that a test may let hang, and inherited by its tasks."""
 
 
 class EventLoop(asyncio.SelectorEventLoop):
-    """The loop of a test, in virtual or in real time."""
+    """The event loop of a test, in virtual or real time."""
 
     def __init__(self, *, real_time: bool = False) -> None:
         self.virtual = not real_time
@@ -80,7 +79,7 @@ class EventLoop(asyncio.SelectorEventLoop):
         return future
 
     async def shutdown_default_executor(self, *args: Any) -> None:
-        """Wait in real time until all threads are gone."""
+        """Wait in real time until all threads have ended."""
         self.threads += 1
         try:
             await super().shutdown_default_executor(*args)
@@ -88,22 +87,22 @@ class EventLoop(asyncio.SelectorEventLoop):
             self.threads -= 1
 
     def until(self, condition: Callable[[], object]) -> Awaitable[None]:
-        """Return what is done when a condition holds, which is looked at after every turn."""
+        """Return a future that is done when a condition holds, tested after every iteration."""
         future = self.create_future()
         self._waiting.append((condition, future))
-        self.call_soon(lambda: None)  # it may hold already
+        self.call_soon(lambda: None)  # it may already hold
         return future
 
     @property
     def waits(self) -> bool:
-        """Whether somebody waits for a condition."""
+        """Whether a test waits for a condition."""
         return bool(self._waiting)
 
     def _thread_done(self, _future: object) -> None:
         self.threads -= 1
 
     def go_on(self) -> None:
-        """Let what hangs have its turn again: what is overdue, in the order in which it was."""
+        """Resume hanging processes with their overdue callbacks in order."""
         self.hangs = False
         for handle in self._held:
             if isinstance(handle, asyncio.TimerHandle):
@@ -113,12 +112,12 @@ class EventLoop(asyncio.SelectorEventLoop):
         self._held = []
 
     def _hold(self) -> None:
-        """Take away the turns of what hangs."""
+        """Remove the callbacks of hanging processes."""
         ready: deque[asyncio.Handle] = self._ready  # type: ignore[has-type]
         scheduled: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[has-type]
-        self._held += [each for each in (*ready, *scheduled) if may_hang(each)]
-        self._ready = deque(each for each in ready if not may_hang(each))
-        self._scheduled = [each for each in scheduled if not may_hang(each)]
+        self._held += [handle for handle in (*ready, *scheduled) if may_hang(handle)]
+        self._ready = deque(handle for handle in ready if not may_hang(handle))
+        self._scheduled = [handle for handle in scheduled if not may_hang(handle)]
         heapq.heapify(self._scheduled)
 
     def _run_once(self) -> None:
@@ -130,8 +129,8 @@ class EventLoop(asyncio.SelectorEventLoop):
 
 
 def may_hang(handle: asyncio.Handle | None) -> bool:
-    """Return whether a callback belongs to what a test may let hang."""
-    context = getattr(handle, '_context', None)  # asyncio has no other way to it
+    """Return whether a callback belongs to a process that a test may let hang."""
+    context = getattr(handle, '_context', None)  # asyncio has no public access
     return context is not None and bool(context.get(_MAY_HANG))
 
 
@@ -146,14 +145,14 @@ def _settled(condition: Callable[[], object], future: asyncio.Future[None]) -> b
 
 
 class _Selector(selectors.DefaultSelector):
-    """Lets the time that would be spent waiting pass on the loop's clock instead."""
+    """A selector that lets the loop's clock advance instead of waiting."""
 
     def __init__(self, loop: EventLoop) -> None:
         super().__init__()
         self._loop = loop
 
     def select(self, timeout: float | None = None) -> list[Any]:
-        """Return what is ready."""
+        """Return the ready files."""
         ready = self._readable()
         if ready or timeout == 0:
             return ready
@@ -161,9 +160,9 @@ class _Selector(selectors.DefaultSelector):
         if loop.threads or timeout is None or not loop.virtual:
             if loop.waits:
                 timeout = LOOK if timeout is None else min(timeout, LOOK)
-            began = time.monotonic()
+            start = time.monotonic()
             ready = super().select(timeout)
-            loop.now += time.monotonic() - began
+            loop.now += time.monotonic() - start
             return ready
         select.select([self.fileno()], [], [], CONNECT_GRACE if self._connects() else GRACE)
         ready = self._readable()
@@ -172,14 +171,14 @@ class _Selector(selectors.DefaultSelector):
         return ready
 
     def _readable(self) -> list[Any]:
-        """Return what can be read and written now by somebody who does not hang."""
+        """Return the files that processes which do not hang can read or write."""
         ready = super().select(0)
         if self._loop.hangs:
-            ready = [each for each in ready if not any(map(may_hang, each[0].data))]
+            ready = [entry for entry in ready if not any(map(may_hang, entry[0].data))]
         return ready
 
     def _connects(self) -> bool:
-        """Return whether a connection is being made, which the system may take its time for."""
+        """Return whether a connection is pending in the system."""
         return any(
             key.events & selectors.EVENT_WRITE and _tcp_state(key.fd) == TCP_SYN_SENT
             for key in self.get_map().values()
@@ -187,45 +186,45 @@ class _Selector(selectors.DefaultSelector):
 
 
 def _tcp_state(fd: int) -> int | None:
-    """Return the state of a TCP socket as Linux counts them; None where that cannot be asked."""
+    """Return the state of a TCP socket as Linux counts, or None if it is unknown."""
     if not hasattr(socket, 'TCP_INFO'):
         return None
-    asked = socket.socket(fileno=fd)
+    copy = socket.socket(fileno=fd)
     try:
-        return asked.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0]
+        return copy.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0]
     except OSError:  # no TCP socket
         return None
     finally:
-        asked.detach()
+        copy.detach()
 
 
 def run(
     coroutine: Coroutine[Any, Any, Any], patience: float = PATIENCE, *, real_time: bool = False
 ) -> None:
-    """Run a test's coroutine; no task of it may be left when it ends."""
+    """Run a test's coroutine, which must leave no task behind."""
 
     async def timed() -> None:
         async with asyncio.timeout(patience):
             await coroutine
-        await asyncio.sleep(0)  # transports that were closed last go now
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        assert not left, f'tasks left behind: {left}'
+        await asyncio.sleep(0)  # the last transports close
+        remaining = asyncio.all_tasks() - {asyncio.current_task()}
+        assert not remaining, f'tasks remain: {remaining}'
 
     with asyncio.Runner(loop_factory=partial(EventLoop, real_time=real_time)) as runner:
         runner.run(timed())
 
 
 async def until(condition: Callable[[], object]) -> None:
-    """Wait until a condition holds; `run` limits how long that may take."""
+    """Wait until a condition holds, limited by the timeout of `run`."""
     loop = asyncio.get_running_loop()
     assert isinstance(loop, EventLoop)
     await loop.until(condition)
 
 
 async def accepted() -> None:
-    """Let connections that a server has just accepted be served, before it is closed.
+    """Let accepted connections be served before a server is closed.
 
-    asyncio would leave their sockets open.
+    asyncio would not close their sockets.
     """
     for _ in range(5):
         await asyncio.sleep(0)
@@ -233,7 +232,7 @@ async def accepted() -> None:
 
 @contextlib.contextmanager
 def real_time() -> Iterator[None]:
-    """Let time be real meanwhile, as another process works for the loop."""
+    """Let time be real while another process works for the loop."""
     loop = asyncio.get_running_loop()
     assert isinstance(loop, EventLoop)
     loop.threads += 1
@@ -249,7 +248,7 @@ def now() -> float:
 
 
 def own_process() -> Context:
-    """Return a context for what is to hang as one: a task in it, and all that it starts."""
+    """Return a context for a process that may hang: a task in it and all its tasks."""
     context = copy_context()
     context.run(_MAY_HANG.set, True)
     return context
@@ -257,9 +256,9 @@ def own_process() -> Context:
 
 @contextlib.contextmanager
 def hanging() -> Iterator[None]:
-    """Let what runs in an `own_process` hang, as a stopped process does; all else goes on.
+    """Suspend all `own_process` contexts like a stopped process, while the others run.
 
-    What comes for it waits in its sockets; afterwards it reads that, and its timers are late.
+    Messages wait in their sockets until the block ends, and their timers are late.
     """
     loop = asyncio.get_running_loop()
     assert isinstance(loop, EventLoop)
@@ -271,7 +270,7 @@ def hanging() -> Iterator[None]:
 
 
 def stand_still(seconds: float) -> None:
-    """Hold the loop for so long, s, as a busy machine does: nothing is called meanwhile."""
+    """Stall the loop for `seconds`, like a busy machine."""
     loop = asyncio.get_running_loop()
     assert isinstance(loop, EventLoop)
     if loop.virtual:

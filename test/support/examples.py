@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How many examples hypothesis tries, and which: one profile for each kind of run.
+"""The number and choice of hypothesis examples: one profile for each kind of run.
 
-`make test` and `make test-all` try the same examples each time, so that they fail only for what
-was changed; `make soak` looks for new ones, and prints how to see a failure again.
+`make test` and `make test-all` try the same examples each time, so that they fail only because of
+a change. `make soak` searches for new ones, and prints how to reproduce a failure.
 """
 
 from collections.abc import Collection, Iterable
@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 FULL = 100
-"""`max_examples` of the profile in which a test gets the number that it names."""
+"""`max_examples` of the profile in which each test gets the number that it requests."""
 
-LEAST = 5
-"""So many are tried in any run."""
+MIN_EXAMPLES = 5
+"""Minimum number of examples in any run."""
 
 _ANY_MACHINE = settings(
     deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
@@ -29,7 +29,7 @@ PROFILES = {
 
 
 def profile_for(marks: str) -> str:
-    """Return the profile's name for what `pytest -m` says."""
+    """Return the profile's name for the argument of `pytest -m`."""
     chosen = set(marks.replace('not ', 'not-').replace('(', ' ').replace(')', ' ').split())
     if 'soak' in chosen:
         return 'soak'
@@ -37,25 +37,25 @@ def profile_for(marks: str) -> str:
 
 
 def load_profile(name: str) -> None:
-    """Make it that of all tests whose modules are imported from now on."""
-    for each, profile in PROFILES.items():
-        settings.register_profile(each, profile)
+    """Load a profile for all tests whose modules are imported later."""
+    for registered, profile in PROFILES.items():
+        settings.register_profile(registered, profile)
     settings.load_profile(name)
 
 
 def examples(count: int) -> int:
-    """Return how many of so many examples are tried in this run."""
+    """Return the number of examples in this run, of `count` in the full one."""
     assert settings.default is not None
-    return max(count * settings.default.max_examples // FULL, min(count, LEAST))
+    return max(count * settings.default.max_examples // FULL, min(count, MIN_EXAMPLES))
 
 
 def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[Any]:
-    """Return parameters: `make test` tries the first of every so many, `make test-all` all.
+    """Return parameters: `make test` tries one in `every`, `make test-all` all.
 
-    `several`: each value is a tuple with the values of several parameters.
+    `several`: each value is a tuple for several parameters.
     """
-    found = list(values)
-    return quickly(found[::every], found, several=several)
+    all_values = list(values)
+    return quickly(all_values[::every], all_values, several=several)
 
 
 def quickly(some: Collection[Any], values: Iterable[Any], *, several: bool = True) -> list[Any]:

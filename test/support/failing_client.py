@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The real client, one function of which can be made to raise: `failing_client.py FILE ARGUMENT…`.
+"""The client with functions that can be made to raise: `failing_client.py FILE ARGUMENT…`.
 
-At SIGUSR1 it reads from FILE which one, by its name in HOOKS: that raises when it is next called.
-The file is gone when it will.
+At SIGUSR1 it reads a name of HOOKS from FILE and deletes FILE. The next call of that function
+raises.
 """
 
 import asyncio
@@ -34,11 +34,11 @@ armed = ''
 
 
 class InjectedError(Exception):
-    """Of a kind that nothing in the package knows."""
+    """An error unknown to the package."""
 
 
 def taken(name: str) -> bool:
-    """Return whether `name` is to fail now; it will not again, unless it says `always`."""
+    """Return whether `name` fails now. It fails once unless it contains `always`."""
     global armed
     if armed != name:
         return False
@@ -58,7 +58,7 @@ def hook(
     action: Callable[[], None] = fail,
     where: Callable[..., bool] = lambda *_: True,
 ) -> None:
-    """Have a method run `action` before its own work, when that is asked for."""
+    """Make a method run `action` before its work when it is armed."""
     original = getattr(owner, method)
 
     @functools.wraps(original)
@@ -108,7 +108,7 @@ async def watch_status(self: Driver) -> None:
 
 
 HOOKS: tuple[tuple[Any, ...], ...] = (
-    # the tasks of the loop, and what they call
+    # tasks of the loop and their functions
     ('state link', Link, '_received', fail, of_link('state')),
     ('motion link', Link, '_settle', fail, of_link('motion')),
     ('io link', Link, '_received', fail, of_link('io')),
@@ -123,7 +123,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('publish feedback', messages, 'feedback'),
     ('publish io', node.IoInterface, '_publish'),  # type: ignore[attr-defined]
     ('cancelled task', node.ClientNode, 'on_joints', cancel_this_task),
-    # what else runs in the loop
+    # other functions in the loop
     ('callback', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_soon(fail))),
     ('timer', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_later(0.01, fail))),
     ('task', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.create_task(failing()))),
@@ -162,7 +162,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
         lambda _, function, *__: function.__name__ == 'cancel',
     ),
     ('parameter', parameters.Tracing, 'change'),
-    # what may fail without the arm
+    # functions that may fail without stopping the arm
     ('trace', Trace, '_record'),
 )
 

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which faults strike which controllers in which phase of a motion, and what is expected then.
+"""Faults, the controllers and motion phases they affect, and the expected results.
 
-What differs between faults is a row of FAULTS; what differs on a controller or an interface, of
-EXCEPTIONS. `fault_play.py` runs a cell.
+A row of FAULTS has what is common to all controllers, and EXCEPTIONS what differs for a controller
+or an interface. `fault_play.py` runs a cell.
 """
 
 from collections.abc import Iterator
@@ -18,42 +18,41 @@ from support.driver_harness import LIMITS, pose
 
 PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
 DOWNLOADS = ('simulated', 'rc700a', 'spel')
-"""Controllers that take whole trajectories, too, although they usually get points."""
+"""Controllers that usually receive points and also accept whole trajectories."""
 
 SETPOINTS = ('simulated', 'generic', 'spel')
-"""Controllers for which a stream of setpoints is interrupted."""
+"""Controllers with an interrupted stream of setpoints."""
 
 PHASES = ('standing', 'starting', 'moving', 'arriving', 'stopping')
-"""Of a goal: none yet; its first point is taken; on its way; about to arrive; canceled in the same
-moment as the fault strikes."""
+"""Phases of a goal: no goal, first point accepted, in motion, almost at the end, and canceled at
+the moment of the fault."""
 
 USUAL = 'usual'
-"""The interface that the profile says."""
+"""The interface of the profile."""
 
 STATE_TIMEOUT = 0.4
 JOINT_1_END = 3.4
-"""Where joint 1 cannot go, rad: the controller knows that, the driver is told otherwise."""
+"""A position outside the range of joint 1, rad, which only the controller knows."""
 
 WIDER = replace(LIMITS, position_max=LIMITS.position_max + 1.0, velocity=LIMITS.velocity * 1.1)
 
 WAY = tuple(pose(0.15 * count, 0.05 * (count % 2)) for count in range(1, 9))
-"""Points that take the arm a few seconds."""
+"""Points of a path that takes a few seconds."""
 
 ABORTED = ErrorCode.PATH_TOLERANCE_VIOLATED
-"""The code of a goal that something forbids to go on."""
+"""Result code of a goal that a fault interrupts."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A fault: what happens, what is expected, and what a person does about it.
+    """A fault, its expected results, and the repair by a user.
 
-    events: what happens at the controller; fault: what its connections do, in the words of the
-    pendant; clears: it is ended by the person. points: the goal's way; canceled: the goal is
-    canceled in the same moment. text: a pattern for the outcome, gate: for the gate's reason.
-    strike: of fault_strikes.STRIKES, what else happens. harmless: the goal succeeds, and the arm
-    stays enabled.
-    repair: what a person does at the controller, in this order, boots: before switching it off and
-    on, because without that the links do not return; reset: then the error is reset.
+    events: events at the controller. fault: faults of its connections, in the pendant's words.
+    strike: another fault, of fault_strikes.STRIKES. harmless: the goal succeeds, and the arm stays
+    enabled. points: the goal's path. canceled: the goal is canceled at the same moment. code: the
+    result code. text, gate: patterns for the outcome and the gate's reason.
+    repair: a user's actions at the controller, in this order. boots: the controller is restarted
+    before, because the links do not return otherwise. reset: the error is reset at the end.
     """
 
     events: tuple[Event, ...] = ()
@@ -131,7 +130,7 @@ FAULTS: dict[str, Row] = {
 }
 
 REMOTE_ONLY = ('wrong_answer', 'logged_out', 'second_client', 'other_client_first')
-"""Faults of controllers that are driven by Remote Ethernet alone."""
+"""Faults of controllers with Remote Ethernet alone."""
 
 IN_ERROR_4001 = 'the controller is in error 4001'
 STOP_UNANSWERED: dict[str, Any] = {
@@ -141,12 +140,12 @@ STOP_UNANSWERED: dict[str, Any] = {
 }
 
 EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
-    # Its points are answered before the arm moves, or never: what can be lost is STOP's reply.
+    # It answers points before the arm moves or never, so only STOP's reply can be lost.
     ('lost_reply', 'abb'): STOP_UNANSWERED,
     ('lost_reply', 'motoman'): STOP_UNANSWERED,
-    # All its points are answered before the arm has moved far: it looks that far ahead.
+    # It answers all points before the arm has moved far, because of its look-ahead.
     ('lost_reply', 'spel'): STOP_UNANSWERED,
-    # A refused point is no error of the controller; STATUS shows its number.
+    # A refused point is not an error of the controller. STATUS shows its number.
     ('failure_reply', 'spel'): {'gate': 'refused point 3 of 4', 'reset': False},
     # It may read a message of the driver first, such as a heartbeat, and close the connection.
     **{
@@ -155,32 +154,31 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
         }
         for name in ('spel', 'spel:download')
     },
-    # A topic has no reply: STATUS alone tells.
+    # A topic has no reply, so only STATUS shows the error.
     ('failure_reply', 'abb'): {'text': IN_ERROR_4001},
-    # Its reply says why; STATUS shows no error.
+    # Its reply has the reason, and STATUS shows no error.
     ('failure_reply', 'motoman'): {
         'text': r'refused point 3 of 4 \(INVALID: the message is wrong, 3012: a position\)',
         'gate': 'refused point 3 of 4',
     },
-    # It says yes first, no when the point's turn comes, and closes the connection.
+    # It accepts the point, refuses it before execution, and closes the connection.
     ('failure_reply', 'fanuc'): {
         'text': '(refused|withdrew an acknowledgement before) point 3 of 4'
         '.*(4001|the motion link was lost)|the motion link was lost: .*closed by the controller',
         'gate': 'the controller is in error 4001|the motion link was lost',
     },
-    # The points of a download are topics: STOP's reply can be lost; a refused one has none.
+    # Points of a download are topics without replies, so only STOP's reply can be lost.
     ('lost_reply', 'download'): STOP_UNANSWERED,
     ('failure_reply', 'download'): {'text': f'{IN_ERROR_4001}|refused point'},
-    # It refuses the download as a whole, and topics have no reply: all that is seen is an arm that
-    # does not begin to move.
+    # It refuses the whole download, and topics have no reply, so the arm just does not start.
     ('failure_reply', 'spel:download'): {
         'text': 'the controller did not confirm the standstill within',
         'gate': 'the controller did not confirm the standstill within',
     },
-    # Each setpoint has a reply, whatever the controller; it may be missed before the state is.
+    # Each setpoint has a reply, which may be missed before the state.
     ('lost_reply', 'setpoints'): {'canceled': False, 'gate': 'no reply to setpoint'},
     ('silence', 'setpoints'): {'gate': 'the state link was lost|no reply to setpoint'},
-    # A motion is one statement: what can be lost is STOP's answer, or that of what it aborts.
+    # A motion is one statement, so the answer to it or to STOP can be lost.
     ('lost_reply', 'remote'): STOP_UNANSWERED | {'fault': '', 'strike': 'lost_answer'},
     ('failure_reply', 'remote'): {'points': (pose(JOINT_1_END),), 'text': 'refused point 0 of 1'},
     **{
@@ -194,21 +192,19 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
 }
 
 ANSWER_A_POINT_FIRST = ('simulated', 'rc700a', 'generic', 'fanuc')
-"""Controllers that answer the point which still waits for its reply when STOP comes, then STOP. A
-lost reply to that point alone closes no gate: STOP is confirmed. So STOP's reply is the lost one
-here."""
+"""Controllers that answer the pending point before STOP. If only that reply is lost, the gate
+stays open because STOP is confirmed, so STOP's reply is lost here."""
 
 LAST_REPLY_ELSEWHERE = ('generic', 'fanuc')
-"""Controllers that have answered the last point before the arm is near it, or do so more than a
-reply's time-out of these cells later."""
+"""Controllers that answer the last point before the arm is near it, or much later."""
 
 STOPPED = 'canceled|the controller did not confirm the standstill'
-"""What a goal may say, too, that was canceled when the fault struck."""
+"""Alternative outcomes of a goal that was canceled when the fault occurred."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One experiment: which fault strikes which controller, by which interface, in which phase."""
+    """One experiment: a fault, a controller, an interface and a phase."""
 
     fault: str
     profile: str
@@ -217,17 +213,17 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """How it is called."""
+        """The name in results."""
         usual = self.interface == USUAL
-        where = self.profile if usual else f'{self.profile}:{self.interface}'
-        return f'{self.fault}-{where}-{self.phase}'
+        place = self.profile if usual else f'{self.profile}:{self.interface}'
+        return f'{self.fault}-{place}-{self.phase}'
 
     @property
     def row(self) -> Row:
-        """What happens in it, and what is expected."""
+        """The fault and the expected results."""
         row = FAULTS[self.fault]
         if self.profile == 'remote':
-            row = replace(row, points=row.points[-1:])  # a statement has no way points
+            row = replace(row, points=row.points[-1:])  # a statement has no waypoints
         for key in (self.profile, self.interface, f'{self.profile}:{self.interface}'):
             row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
         if self.phase == 'stopping':
@@ -241,30 +237,30 @@ class Cell:
 
     @property
     def cannot_be(self) -> str:
-        """Why there is no such cell; empty if there is."""
+        """The reason why this cell is impossible, or an empty string."""
         if (self.profile == 'remote') < (self.fault in REMOTE_ONLY):
-            return 'it strikes Remote Ethernet where that moves the arm'
+            return 'it concerns motion by Remote Ethernet'
         if self.profile == 'remote' and self.fault == 'wrong_byte_order':
-            return 'text has none'
+            return 'text has no byte order'
         if self.interface == 'setpoints' and self.phase != 'moving':
-            return 'a stream of setpoints has no end of its own'
+            return 'a stream of setpoints has no phases'
         if self.fault == 'failure_reply':
             if self.phase != 'moving':
-                return 'it strikes when the arm is on its way to the point before'
+                return 'it happens in motion to the previous point'
             if self.interface == 'setpoints':
-                return 'a setpoint out of range is followed as far as it goes'
+                return 'a setpoint out of range is clipped'
         if self.fault == 'lost_reply':
             if self.phase == 'standing':
-                return 'nothing waits for a reply'
+                return 'no reply is pending'
             if self.phase == 'arriving' and self.profile in LAST_REPLY_ELSEWHERE:
-                return 'no reply is due then that could be lost'
+                return 'no reply is pending in that phase'
             if self.row.canceled and self.phase != 'stopping' and self.interface != 'setpoints':
-                return '' if self.phase == 'moving' else 'its points are not answered one by one'
+                return '' if self.phase == 'moving' else 'its points have no separate replies'
         return ''
 
 
 def cells() -> Iterator[Cell]:
-    """Yield every cell that can be."""
+    """Yield every possible cell."""
     columns = [
         *((profile, USUAL) for profile in PROFILES),
         *((profile, 'download') for profile in DOWNLOADS),

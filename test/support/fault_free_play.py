@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What people do with an arm in which nothing is wrong, in any order and at any moment."""
+"""Random actions of users on an arm without faults."""
 
 import asyncio
 
@@ -13,20 +13,20 @@ from support.driver_harness import JOINTS, LIMITS, Submitted
 from support.event_loop import now, stand_still
 from support.streams import JOG, SERVO, positions, send, velocities
 
-MOST_ACTIONS = 9
+MAX_ACTIONS = 9
 FACTORS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
-WAYS = (0.0, 2e-4, 0.005, 0.1, 0.3)
-"""How far goals go in each joint at most, rad: some stay within their tolerance."""
+DISTANCES = (0.0, 2e-4, 0.005, 0.1, 0.3)
+"""Maximum joint distances of goals, rad. Some are below their tolerance."""
 
 REACH = 0.6
-"""How far the joints go from 0 at most, rad."""
+"""Maximum joint positions, rad."""
 
 
 class Play:
-    """Something happens, and again; `said` tells what, each with its time, s."""
+    """A sequence of random actions. `log` has each of them with its time, s."""
 
     def __init__(self, harness, controller, random):
-        self.said = []
+        self.log = []
         self.goals = []
         self._harness = harness
         self._controller = controller
@@ -34,10 +34,10 @@ class Play:
         self._streams = set()
 
     def __str__(self):
-        return '\n'.join(self.said)
+        return '\n'.join(self.log)
 
-    async def go_on(self):
-        """Let some things happen, one soon after the other."""
+    async def act(self):
+        """Perform some actions with short pauses."""
         actions = (
             *[self._goal] * 5,
             *[self._scale] * 4,
@@ -48,29 +48,29 @@ class Play:
             self._stream,
             self._stall,
         )
-        for _ in range(self._random.integers(2, MOST_ACTIONS + 1)):
-            said = await self._random.choice(actions)()
-            self.said.append(f'{now():.4f} {said}')
+        for _ in range(self._random.integers(2, MAX_ACTIONS + 1)):
+            text = await self._random.choice(actions)()
+            self.log.append(f'{now():.4f} {text}')
             gaps = (0.0, 0.01, self._random.uniform(0.0, 0.3), self._random.uniform(0.0, 1.2))
             await asyncio.sleep(self._random.choice(gaps))
 
     async def end(self):
-        """Let all that runs go on at full speed, without a stream."""
+        """Continue at full speed without streams."""
         for stream in self._streams:
             stream.cancel()
         await asyncio.gather(*self._streams, return_exceptions=True)
         self._set(1.0)
         canceled = await self._cancel() if self._random.random() < 0.5 else ''
-        self.said.append(f'{now():.4f} at full speed {canceled}')
+        self.log.append(f'{now():.4f} at full speed {canceled}')
 
     def submit(self, farthest=None):
-        """Hand in a goal of one to six points, from where the arm is or would be then."""
+        """Submit a goal of one to six points from the current position."""
         random = self._random
         at = self._harness.at
         points = random.integers(1, 7)
-        farthest = random.choice(WAYS) if farthest is None else farthest
+        farthest = random.choice(DISTANCES) if farthest is None else farthest
         steps = at + random.uniform(-farthest, farthest, (points, JOINTS))
-        if random.random() < 0.2:  # a rest on the way
+        if random.random() < 0.2:  # a rest
             steps[points // 2 :] = steps[points // 2]
         steps = np.clip(steps, -REACH, REACH)
         step = random.choice([0.05, 0.1, 0.2])
@@ -107,11 +107,11 @@ class Play:
         return f'~/stop: {await self._harness.commands.stop()}'
 
     async def _pause(self):
-        for_ = self._random.choice([0.0, 0.02, 0.3, 1.0])
+        seconds = self._random.choice([0.0, 0.02, 0.3, 1.0])
         self._controller.apply(Event.PAUSE)
-        await asyncio.sleep(for_)
+        await asyncio.sleep(seconds)
         self._controller.apply(Event.CONTINUE)
-        return f'the controller was paused for {for_}'
+        return f'the controller was paused for {seconds}'
 
     async def _setpoint(self):
         velocity = self._random.uniform(-0.3, 0.3, JOINTS)
@@ -119,18 +119,18 @@ class Play:
         return f'a setpoint {velocity.round(3).tolist()}'
 
     async def _stream(self):
-        begin, way = self._harness.at, self._random.uniform(-0.2, 0.2, JOINTS)
-        lasts = self._random.uniform(0.1, 1.0)
+        start, velocity = self._harness.at, self._random.uniform(-0.2, 0.2, JOINTS)
+        seconds = self._random.uniform(0.1, 1.0)
 
         def at(time):
-            return positions(begin + way * time, source=SERVO)
+            return positions(start + velocity * time, source=SERVO)
 
-        stream = asyncio.create_task(send(self._harness, at, lasts))
+        stream = asyncio.create_task(send(self._harness, at, seconds))
         self._streams.add(stream)
         stream.add_done_callback(self._streams.discard)
-        return f'a stream of {way.round(3).tolist()} rad/s for {lasts:.3f} s'
+        return f'a stream of {velocity.round(3).tolist()} rad/s for {seconds:.3f} s'
 
     async def _stall(self):
-        for_ = self._random.uniform(0.0, 0.6)
-        stand_still(for_)
-        return f'nothing was scheduled for {for_:.3f} s'
+        seconds = self._random.uniform(0.0, 0.6)
+        stand_still(seconds)
+        return f'nothing was scheduled for {seconds:.3f} s'

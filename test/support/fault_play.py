@@ -1,21 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of a goal, of the arm and of the links when a fault strikes: one cell at a time.
+"""Effects of a fault on a goal, the arm and the links, one cell at a time.
 
-A cell is a fault, a controller's profile, the interface by which it gets its motion, and the phase
-of the motion in which the fault strikes. `play` runs it: the real driver, the simulated controller
-and TCP between them, in the virtual time of `event_loop`, so that its times are those of the
-driver and the controller, however busy the machine is. In every cell
+A cell is a fault, a controller's profile, the interface of its motion, and the phase of the motion
+in which the fault happens. `play` runs it with the real driver, the simulated controller and TCP
+between them. The virtual time of `event_loop` makes its times independent of the machine's load.
+In every cell
 
-* a goal ends once, with the true outcome, its code and a sentence that names the cause;
-* no joint leaves its range or exceeds its velocity limit, braking included;
+* a goal ends once, with the true outcome, its code and the cause;
+* no joint exceeds its range or its velocity limit, braking included;
 * no joint state is published while the state link is down;
 * the arm gate closes, and a new goal is refused with the reason;
-* when the fault is over, both links are there again, and the gate is closed still;
-* nothing but STOP is sent, and the arm that has come to rest stays where it is, until `~/enable`;
-* after what a person must do at the controller, and `~/enable`, a new goal succeeds.
+* after the fault, both links are connected and the gate is still closed;
+* until `~/enable`, only STOP is sent, and the arm stays at rest;
+* after the user's repair at the controller and `~/enable`, a new goal succeeds.
 
-`fault_cells.py` has the cells; `python -m benchmark.faults` runs them all and draws them.
+`fault_cells.py` has the cells, and `python -m benchmark.faults` runs and draws all of them.
 """
 
 import asyncio
@@ -26,14 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.profiles import load_controller_profile
-from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.faults import parse
-from support.driver_harness import Harness, pose, simulated
+from support.driver_harness import Harness, options_of, pose, simulated
 from support.event_loop import now, until
 from support.fault_cells import STATE_TIMEOUT, STOPPED, USUAL, WIDER, Cell, Row
 from support.fault_strikes import STRIKES, watch
@@ -42,36 +40,37 @@ from support.streams import positions, sending
 REPLY_TIMEOUT = 0.4
 
 LONG_CAUSE_TIME = 1.0
-"""How long a goal waits for the STATUS that says why, s: as long as a busy machine may need."""
+"""Time for which a goal waits for a STATUS with the cause, s, long enough for a busy machine."""
 
 LONGEST = 20.0
-"""How long one cell may take before it fails, s."""
+"""Maximum duration of a cell, s."""
 
 QUIET = 0.25
-"""How long the arm is watched before it is enabled, s."""
+"""Time for which the arm is observed before it is enabled, s."""
 
-STANDS = 1e-4
-"""A joint that is slower stands, rad/s."""
+AT_REST = 1e-4
+"""Maximum speed of a joint at rest, rad/s."""
 
-ON_ITS_WAY = 0.02
-"""An arm that has gone so far moves, rad."""
+IN_MOTION = 0.02
+"""Distance after which a goal counts as in motion, rad."""
 
-NEARLY = 0.05
-"""An arm that is so near to its goal is about to arrive, rad."""
+ARRIVING = 0.05
+"""Distance to the end of a goal that is about to arrive, rad."""
 
 AT_GOAL = 0.01
-"""The tolerance of the goals here, rad."""
+"""Goal tolerance, rad."""
 
 SPEED = 0.3
-"""Of a stream of setpoints, rad/s."""
+"""Speed of a stream of setpoints, rad/s."""
 
 
 @dataclass(frozen=True)
 class Played:
-    """What became of a cell. Times in s: of the controller, from the fault on and after its end.
+    """The result of a cell.
 
-    end: of the goal, or what there was instead; code: its result code. rest: until the arm stood.
-    recovery: until the links were back and the arm was enabled, without what a person took.
+    end: the goal's end, or its replacement. code: its result code. rest: time from the fault to
+    rest, s of the controller. recovery: time until links and arm are available again, s of the
+    controller, without the user's repair.
     """
 
     end: str
@@ -83,9 +82,9 @@ class Played:
 
 
 class Witness:
-    """Sees every step of the controller: when the arm moved last, and whether it kept its limits.
+    """Observes every step of the controller: the last motion and the limits.
 
-    A step is as long as the loop's timers let it be, so what is seen of the velocity is a mean.
+    The duration of a step depends on the loop's timers, so the measured velocity is a mean.
     """
 
     def __init__(self, controller: Any) -> None:
@@ -95,22 +94,23 @@ class Witness:
         controller.step = self.step
 
     def step(self, seconds: float) -> None:
-        """Let time pass, and look at what the arm did."""
+        """Advance the controller, and check the arm's motion."""
         controller = self._controller
         limits = controller.model.limits
         commanded, actual = controller.arm.commanded.copy(), where(controller)
         self._step(seconds)
-        way = np.abs(controller.arm.commanded - commanded)
-        assert np.all(way <= limits.velocity * seconds * (1.0 + 1e-6) + 1e-9), way / seconds
+        distance = np.abs(controller.arm.commanded - commanded)
+        allowed = limits.velocity * seconds * (1.0 + 1e-6) + 1e-9
+        assert np.all(distance <= allowed), distance / seconds
         at = controller.arm.commanded
         assert np.all(at >= limits.position_min - 1e-9), at
         assert np.all(at <= limits.position_max + 1e-9), at
-        if np.abs(where(controller) - actual).max() > STANDS * seconds:
+        if np.abs(where(controller) - actual).max() > AT_REST * seconds:
             self.moved = now()
 
 
 def no_joints_without_a_link(harness: Any) -> None:
-    """Have the harness fail when joints are published while the state link is down."""
+    """Make the harness fail if joints are published while the state link is down."""
     take = harness.events.on_joints
 
     def on_joints(sample: Any) -> None:
@@ -122,11 +122,7 @@ def no_joints_without_a_link(harness: Any) -> None:
 
 @contextlib.asynccontextmanager
 async def cell_of(profile, interface=USUAL, *, smooth=False, **options):
-    """Run a driver as the profile says, with its controller; yield both, and what is sent."""
-    defaults = profile_defaults(profile)
-    if interface == 'download':
-        defaults['interface'] = 'download'
-    rules = delivery_rules(profile, defaults['interface'], defaults['point_message'])
+    """Run a driver with a profile's settings and its controller; yield both and the sent moves."""
     settings = GoalSettings(
         reply_timeout=REPLY_TIMEOUT,
         cause_timeout=LONG_CAUSE_TIME,
@@ -134,15 +130,13 @@ async def cell_of(profile, interface=USUAL, *, smooth=False, **options):
     )
     async with simulated(profile=profile, smooth=smooth) as (controller, ports):
         options = {
-            'delivery': rules,
-            'usual_byte_order': profile.byte_order,
+            **options_of(profile, interface if interface == 'download' else None),
+            'motors': 'restart' if profile.program.motors == 'restart' else 'remote_ethernet',
             'state_timeout': STATE_TIMEOUT,
             'settings': settings,
             'limits': WIDER,
             'client_timeout': profile.server.client_timeout,
         } | options
-        if profile.program.motors == 'restart':
-            options['motors'] = 'restart'
         if not profile.ports.remote:
             options['remote_port'] = 0
         if profile.program.interface == 'statements':
@@ -156,12 +150,12 @@ async def cell_of(profile, interface=USUAL, *, smooth=False, **options):
 
 
 def where(controller):
-    """Return where the arm is, rad: what its encoders would say without a fault."""
+    """Return the arm's true position, rad, which its encoders would measure without a fault."""
     return controller.servo.actual.copy()
 
 
-async def person(controller, event):
-    """Let a person do something at the controller, again and again until it is allowed."""
+async def user_action(controller, event):
+    """Perform a user's action at the controller, repeatedly until it is permitted."""
     async with asyncio.timeout(LONGEST / 2):
         while True:
             try:
@@ -173,16 +167,16 @@ async def person(controller, event):
 
 
 async def make_ready(harness, controller, *, reset=False):
-    """Reset and switch the motors on, by the driver's services where it has a remote port."""
+    """Reset and switch the motors on, by the driver's services if it has a remote port."""
     remote = harness.driver.configuration.remote_port
     if reset:
         await until(lambda: not controller.in_motion)
         if remote:
             await harness.commands.reset_error()
         else:
-            await person(controller, Event.RESET)
+            await user_action(controller, Event.RESET)
     if not remote:
-        await person(controller, Event.MOTORS_ON)
+        await user_action(controller, Event.MOTORS_ON)
     await until(lambda: not remote or not controller.in_motion)
     if not remote or reset:
         await until(
@@ -195,7 +189,7 @@ async def make_ready(harness, controller, *, reset=False):
 
 
 def linked(harness):
-    """Return whether both links are there, with joints and a status."""
+    """Return whether both links are connected, with joints and a status."""
     driver = harness.driver
     return (
         driver.state_link.connected
@@ -206,7 +200,7 @@ def linked(harness):
 
 
 async def standing(controller):
-    """Wait until the arm has come to rest, and so have its servos."""
+    """Wait until the arm and its servos are at rest."""
     await until(lambda: not controller.in_motion)
     before = None
     while before is None or np.abs(before - where(controller)).max() > 1e-9:
@@ -215,7 +209,7 @@ async def standing(controller):
 
 
 async def play(cell: Cell) -> Played:
-    """Run a cell and look at everything. Raises AssertionError, or TimeoutError where it hangs."""
+    """Run a cell with all checks. Raises AssertionError or TimeoutError if one fails."""
     async with asyncio.timeout(LONGEST):
         profile = load_controller_profile(cell.profile)
         async with cell_of(profile, cell.interface) as (harness, controller, sent):
@@ -230,7 +224,7 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
     witness = Witness(controller)
     async with contextlib.AsyncExitStack() as stream:
         goal = await _reach(cell, row, harness, controller, sent, stream)
-        struck = now()
+        fault_time = now()
         strike = asyncio.create_task(_strike(row, harness, controller))
         for event in row.events:
             controller.apply(event)
@@ -251,32 +245,32 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
             assert harness.gate in refused.text
 
         await until(lambda: not controller.faults.active())
-        began, recovery = now(), 0.0
+        start, recovery = now(), 0.0
         if not row.boots:
             await until(lambda: linked(harness))
-            recovery += now() - began
+            recovery += now() - start
         await standing(controller)
-    rest = max(witness.moved - struck, 0.0)
-    stands = where(controller)
+    rest = max(witness.moved - fault_time, 0.0)
+    position = where(controller)
     if outcome is not None:
-        _check(cell, row, outcome, np.abs(stands - row.points[-1]).max())
-    began = now()
+        _check(cell, row, outcome, np.abs(position - row.points[-1]).max())
+    start = now()
     for event in row.repair:
-        await person(controller, event)
+        await user_action(controller, event)
     if row.boots:
         controller.faults.start(parse('reboot for=0.2'))
         await until(lambda: not controller.faults.active() and linked(harness))
     await make_ready(harness, controller, reset=row.reset)
     await until(lambda: linked(harness))
-    recovery += now() - began
+    recovery += now() - start
     await asyncio.sleep(QUIET)
     assert harness.gate is not None
-    assert np.abs(where(controller) - stands).max() < 1e-6
+    assert np.abs(where(controller) - position).max() < 1e-6
     assert len(sent) == points
 
-    began = now()
+    start = now()
     await harness.commands.enable()
-    recovery += now() - began
+    recovery += now() - start
     assert harness.gate is None
     again = harness.submit(harness.at + pose(0.0, 0.0, 0.1), step=0.3)
     assert (await again.end()).end is End.SUCCEEDED, again.outcome
@@ -293,7 +287,7 @@ async def _strike(row: Row, harness: Any, controller: Any) -> None:
 
 
 async def _unharmed(harness: Any, outcome: Any) -> Played:
-    """See that a goal has ended as if nothing had happened, and that another one succeeds."""
+    """Check that a goal is unaffected by the fault and that another one succeeds."""
     assert harness.gate is None
     assert outcome is None or outcome.end in (End.SUCCEEDED, End.CANCELED), outcome
     again = harness.submit(harness.at + pose(0.0, 0.0, 0.1), step=0.3)
@@ -304,7 +298,7 @@ async def _unharmed(harness: Any, outcome: Any) -> Played:
 
 
 async def _reason(harness: Any, pattern: str) -> str:
-    """Return why the gate is closed: what the controller says of it later is added."""
+    """Return the reason of the closed gate with the controller's later explanation."""
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(LONG_CAUSE_TIME):
             await until(lambda: re.search(pattern, harness.gate))
@@ -321,7 +315,7 @@ async def _reach(
     sent: list[Any],
     stream: contextlib.AsyncExitStack,
 ) -> Any:
-    """Bring the motion to the phase in which the fault strikes; return its goal, if it has one."""
+    """Bring the motion to the phase of the fault, and return its goal or None."""
     begin = where(controller)
     if cell.phase == 'standing':
         return None
@@ -329,21 +323,21 @@ async def _reach(
         first = now()
         ramp = sending(harness, lambda _time: positions(pose(SPEED * (now() - first))))
         await stream.enter_async_context(ramp)
-        await until(lambda: np.abs(where(controller) - begin).max() > ON_ITS_WAY)
+        await until(lambda: np.abs(where(controller) - begin).max() > IN_MOTION)
         return None
     goal = harness.submit(*row.points, step=0.4)
     if cell.phase == 'starting':
         await until(lambda: goal.outcomes or sent)
     elif cell.phase == 'arriving':
         end = row.points[-1]
-        await until(lambda: goal.outcomes or np.abs(where(controller) - end).max() < NEARLY)
+        await until(lambda: goal.outcomes or np.abs(where(controller) - end).max() < ARRIVING)
     else:
-        await until(lambda: goal.outcomes or np.abs(where(controller) - begin).max() > ON_ITS_WAY)
+        await until(lambda: goal.outcomes or np.abs(where(controller) - begin).max() > IN_MOTION)
     return goal
 
 
 def _check(cell: Cell, row: Row, outcome: Any, distance: float) -> None:
-    """See that the outcome of a goal is the true one, with its cause; `distance`: to the goal."""
+    """Check that a goal's outcome is true and names its cause. `distance`: to the goal."""
     if outcome.end is End.SUCCEEDED:
         assert cell.phase in ('arriving', 'stopping'), outcome
         assert distance <= AT_GOAL, outcome

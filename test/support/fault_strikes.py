@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller is sent, and what strikes the port of Remote Ethernet that moves an arm."""
+"""Recording of commands that reach a controller, and faults of its Remote Ethernet port."""
 
 import asyncio
 import contextlib
@@ -18,18 +18,18 @@ from epson_driver.simple_message import (
 )
 
 STAYS_S = 0.5
-"""How long another client keeps the port, s."""
+"""Time for which another client occupies the port, s."""
 
 
 @dataclass
 class Answers:
-    """Changes the next line to the client that matches a pattern, and no other."""
+    """A replacement for the next line to the client that matches a pattern."""
 
     pattern: str = ''
     instead: bytes = b''
 
     def changed(self, data: bytes) -> bytes:
-        """Return what is sent for a line."""
+        """Return the bytes to send in place of a line."""
         if not self.pattern or not re.match(self.pattern, data.decode()):
             return data
         self.pattern = ''
@@ -37,20 +37,20 @@ class Answers:
 
 
 class Tapped:
-    """The clients of a controller: what moves the arm is kept, answers can be changed."""
+    """The clients of a controller, with recorded moves and replaceable answers."""
 
     def __init__(self, clients: Any, moves: list[Any]) -> None:
         self._clients = clients
         self._moves = moves
         self.answers = Answers()
         self.remote: list[Any] = []
-        """The connections to the remote port that there were."""
+        """All connections to the remote port."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._clients, name)
 
     def connect(self, port: str, client: Any) -> Any:
-        """Serve a client, and look at what it sends."""
+        """Serve a client, and record its moves."""
         if port == 'remote':
             send = client.send
 
@@ -87,14 +87,14 @@ class Tapped:
         self._moves += re.findall(r'(?:Go|Move|Arc3) [^"]*', data.decode())
 
     def keep(self, message: Any) -> None:
-        """Keep a point."""
+        """Record a point."""
         stop = getattr(message, 'sequence', None) == SpecialSequence.STOP_TRAJECTORY
         if isinstance(message, JointTrajPt | JointTrajPtFull) and not stop:
             self._moves.append(message)
 
 
 def watch(controller: Any) -> list[Any]:
-    """Return a list that fills with what moves the arm, as it reaches the controller."""
+    """Return a list that collects the moves as they reach the controller."""
     moves: list[Any] = []
     tapped = Tapped(controller.clients, moves)
     if controller.profile.spel.project or controller.profile.program.interface == 'statements':
@@ -111,8 +111,8 @@ def watch(controller: Any) -> list[Any]:
 
 
 def logged_in(controller: Any) -> list[Any]:
-    """Return the connections on which a client has logged in, those that ended too."""
-    return [each for each in controller.clients.remote if each.session.logged_in]
+    """Return the connections, including ended ones, on which a client has logged in."""
+    return [connection for connection in controller.clients.remote if connection.session.logged_in]
 
 
 @contextlib.asynccontextmanager
@@ -125,7 +125,7 @@ async def _client(harness: Any) -> AsyncIterator[tuple[Any, Any]]:
 
 
 async def second_client(harness: Any, controller: Any) -> None:
-    """Let another client try to stop the arm without a login, then to log in."""
+    """Try to stop the arm without a login and then to log in, as another client."""
     async with _client(harness) as (reader, writer):
         writer.write(b'$Abort\r\n')
         assert await reader.readline() == b'!Abort,11\r\n'
@@ -135,7 +135,7 @@ async def second_client(harness: Any, controller: Any) -> None:
 
 
 async def other_client_first(harness: Any, controller: Any) -> None:
-    """Cut the driver off, and let another client log in before it is back, and stay a while."""
+    """Disconnect the driver, and log in as another client for a while before it reconnects."""
     async with _client(harness) as (reader, writer):
         for connection in logged_in(controller):
             connection.hang_up()
@@ -147,23 +147,23 @@ async def other_client_first(harness: Any, controller: Any) -> None:
 
 
 async def logged_out(harness: Any, controller: Any) -> None:
-    """Have the controller forget the login."""
+    """Reset the login at the controller."""
     for connection in logged_in(controller):
-        connection.session._dialogue.logged_in = False  # noqa: SLF001 - nothing else forgets it
+        connection.session._dialogue.logged_in = False  # noqa: SLF001 - no other reset
 
 
 async def wrong_answer(harness: Any, controller: Any) -> None:
-    """Send something that nobody asked for."""
+    """Send an unsolicited line."""
     controller.clients.answers = Answers('#GetStatus', b'#Hello,0\r\n')
 
 
 async def lost_answer(harness: Any, controller: Any) -> None:
-    """Lose the answer to the statement that moves the arm."""
+    """Drop the answer to the statement that moves the arm."""
     controller.clients.answers = Answers('.Execute')
 
 
 async def lost_abort(harness: Any, controller: Any) -> None:
-    """Lose the answer to STOP."""
+    """Drop the answer to STOP."""
     controller.clients.answers = Answers('.Abort')
 
 
@@ -178,4 +178,4 @@ STRIKES: dict[str, Callable[[Any, Any], Awaitable[None]]] = {
         lost_abort,
     )
 }
-"""By name, what strikes a driver and its controller."""
+"""Faults of a driver and its controller by name."""

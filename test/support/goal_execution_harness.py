@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An execution on a manual clock, with a controller that does what the test says."""
+"""A goal execution on a manual clock with a scripted controller."""
 
 import contextlib
 
@@ -49,7 +49,7 @@ def wire_of(points, durations):
 
 
 class Harness:
-    """One goal. `sent` are the messages posted so far; `break_link` makes posting fail."""
+    """One goal. `sent` has all posted messages, and `broken` makes posting fail."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class Harness:
         )
         self.wire = wire_of(points, [options.get('step', 1.0)] * len(points))
         self.handled_after = 0.0
-        """How long after joints were read they are handled, s."""
+        """Delay between reading and handling joints, s."""
         self.see(0.1)
         if start:
             self.start()
@@ -91,14 +91,14 @@ class Harness:
         self.execution.start(PreparedTrajectory(trajectory, self.wire, delay), self.now)
 
     def set_speed(self, factor):
-        """Request a speed scaling as the goal queue does."""
+        """Set a speed scaling like the goal queue."""
         self.scaling.set(factor, self.now)
         if not factor:
             self.execution.pause(self.now)
         self.resume()
 
     def resume(self):
-        """Continue a goal that is paused and no longer should be."""
+        """Resume a paused goal if the speed scaling permits it."""
         sample = self.robot.sample
         if self.state == 'paused' and self.scaling.target and sample is not None:
             with contextlib.suppress(GoalRejectedError):
@@ -136,7 +136,7 @@ class Harness:
         return self.sent.count(STOP)
 
     def answer(self, code=ReplyCode.SUCCESS, message=-1):
-        """The controller answers a message that was sent; the newest by default."""
+        """Answer a sent message, by default the newest."""
         self._posted[message](reply(JointPosition(), code), self.now)
 
     def refuse(self, message=-1):
@@ -149,14 +149,14 @@ class Harness:
         self.execution.on_state(self.robot, self.now + self.handled_after)
 
     def status(self, **fields):
-        """A STATUS comes; the driver tells the execution, too."""
+        """Deliver a STATUS to the robot state and the execution."""
         self.robot.on_status(Status(**{'in_motion': self.in_motion, **fields}), self.now)
         self.execution.on_state(self.robot, self.now)
 
     def see(self, seconds, *, status=True, moving=0.0):
-        """Let time pass in which the state comes as from the real controller.
+        """Let time pass with regular joint states and STATUS.
 
-        `moving` is the speed of joint 1, rad/s.
+        `moving`: speed of joint 1, rad/s.
         """
         for count in range(round(seconds / DT)):
             self.now += DT
@@ -166,11 +166,11 @@ class Harness:
                 self.status()
 
     def pass_time(self, seconds):
-        """Let time pass in which nothing comes."""
+        """Let time pass without messages."""
         self.now += seconds
 
     def move_to(self, position, seconds=0.2):
-        """Let the arm go there in a straight line."""
+        """Move the arm there in a straight line."""
         start, end = self.at, np.array(position, dtype=float)
         steps = round(seconds / DT)
         self.in_motion = TriState.TRUE if self.in_motion != TriState.UNKNOWN else self.in_motion
@@ -181,11 +181,11 @@ class Harness:
             self.in_motion = TriState.FALSE
 
     def go_and_answer(self):
-        """Execute the newest point as the EPSON controller does: move, then answer."""
+        """Execute the newest point like the EPSON controller: move, then answer."""
         self.move_to(self.sent[-1].joints[: len(NAMES)])
         self.answer()
 
     def finish_points(self):
-        """Execute all points; the arm stands at the last one, and nothing came since."""
+        """Execute all points. The arm is at the last one, and no message has arrived since."""
         while self.state == 'streaming':
             self.go_and_answer()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A server on a free port of this machine, and a link whose packets and states are kept."""
+"""A server on a free port of this machine, and a link whose packets and states are recorded."""
 
 import asyncio
 import contextlib
@@ -24,9 +24,9 @@ def joints(*values, comm_type=1, reply_code=0, sequence=0, order='<', real='f'):
 
 
 class Peer:
-    """What stands where a controller would. `talk(connection)` of each connection is the test's.
+    """A peer in place of a controller. The test's `talk(connection)` runs for each connection.
 
-    `received` holds the bytes of all connections, `times` when each began (loop time, s).
+    `received` has the bytes of all connections, `times` their start times (loop time, s).
     """
 
     def __init__(self, talk, port=0, family=socket.AF_INET):
@@ -97,13 +97,13 @@ class Connection:
         return prefix + await self.receive(struct.unpack('<i', prefix)[0])
 
     async def stay(self):
-        """Read until the link is gone."""
+        """Read until the link disconnects."""
         with contextlib.suppress(ConnectionError):
             while data := await self._reader.read(4096):
                 self._peer.received += data
 
     def reset(self):
-        """Close it as a crashed controller does."""
+        """Close the connection like a crashed controller."""
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
         self._writer.transport.abort()
 
@@ -112,7 +112,7 @@ class Connection:
 
 
 class Harness:
-    """A link that runs inside `async with`, and all that it reported."""
+    """A link that runs inside `async with`, and everything that it reported."""
 
     def __init__(self, port, **options):
         self.packets = []
@@ -156,8 +156,8 @@ class Harness:
         return [state.value for state, _ in self.changes]
 
     def reasons(self, state):
-        """Return why the link came into that state, each time."""
-        return [why for each, why in self.changes if each.value == state]
+        """Return the reasons for all transitions into a state."""
+        return [why for entered, why in self.changes if entered.value == state]
 
     async def connected(self):
         await until(lambda: self.link.connected)

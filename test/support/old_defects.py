@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Defects that were there once, to be put back one by one: seeds must find each.
+"""Old defects that are reintroduced one by one, and the seeds that find them.
 
-Each is a patch of today's code that is as small as the defect was, with a seed that finds it.
-When a change of the worlds makes that seed miss it, `PYTHONPATH=.:test .venv/bin/python -m
-support.old_defects NAME` looks for another, from 1 on.
+Each is a minimal patch of the current code with a seed that finds it. If a change of the worlds
+makes the seed miss it, `PYTHONPATH=.:test .venv/bin/python -m support.old_defects NAME` searches
+for another one.
 """
 
 import argparse
@@ -35,16 +35,16 @@ from simulation.oracles import BrokenError
 from simulation.world import World, quiet
 
 Patch = Callable[[Any, str, Any], object]
-"""patch(owner, name, value) until the defect is taken out again."""
+"""patch(owner, name, value) until the defect is removed."""
 
 Defect = Callable[[Patch], None]
 
 DEFECTS: dict[str, tuple[str, Defect]] = {}
-"""All of them by name, each with the seed that finds it."""
+"""Defects by name, each with the seed that finds it."""
 
 
 def found_by(*, seed: int) -> Callable[[Defect], Defect]:
-    """Enter a defect into DEFECTS."""
+    """Add a defect to DEFECTS."""
 
     def enter(defect: Defect) -> Defect:
         DEFECTS[defect.__name__] = (str(seed), defect)
@@ -182,7 +182,7 @@ def an_arm_outlives_its_client(put: Patch) -> None:
 
 @contextlib.contextmanager
 def put_back(name: str) -> Iterator[None]:
-    """Have a defect during the block."""
+    """Reintroduce a defect during the block."""
     with contextlib.ExitStack() as stack:
 
         def put(owner: Any, attribute: str, value: Any) -> None:
@@ -193,19 +193,19 @@ def put_back(name: str) -> Iterator[None]:
 
 
 def finds(seed: str, name: str) -> str | None:
-    """Return what a seed breaks with a defect, if anything.
+    """Return the failure of a seed with a defect, or None.
 
-    Raises RuntimeError for a seed that breaks something without the defect, too.
+    Raises RuntimeError if the seed fails without the defect.
     """
     with put_back(name):
         broken = _broken(seed)
     if broken is not None and (without := _broken(seed)) is not None:
-        raise RuntimeError(f'seed {seed} breaks this without a defect: {without}')
+        raise RuntimeError(f'seed {seed} fails without the defect: {without}')
     return broken
 
 
 def _broken(seed: str) -> str | None:
-    """Return what a seed breaks in its world, if anything."""
+    """Return the failure of a seed in its world, or None."""
     with quiet():
         try:
             World(seed).play(events_of(seed))
@@ -215,9 +215,9 @@ def _broken(seed: str) -> str | None:
 
 
 def main() -> None:
-    """Look for seeds that find defects."""
+    """Search for seeds that find defects."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument('defects', nargs='*', help='by name; without: all', default=[*DEFECTS])
+    parser.add_argument('defects', nargs='*', help='names (default: all)', default=[*DEFECTS])
     for name in parser.parse_args().defects:
         for seed in map(str, itertools.count(1)):
             if (broken := finds(seed, name)) is not None:

@@ -1,11 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver NAME …`, patient: the own time-outs of client and panel are long.
+"""`epson_driver NAME …` with long internal timeouts of client and panel.
 
-They are there for controllers that do not answer, and for a person who waits. A machine that is
-busy with something else must not make the driver say that its controller is slow. Time-outs that
-are parameters are long in `cell.Cell`, and so is this, for what no parameter says. Tests of a
-time-out itself are on a manual clock (test/client), or say how long it is.
+On a busy machine, the driver must not report a slow controller. `cell.Cell` sets the timeouts that
+are parameters, this module the others. Tests of a timeout use a manual clock (test/client) or
+set its duration.
 """
 
 import sys
@@ -13,7 +12,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
-# what the tests themselves import, not what was installed some time ago
+# the sources of the tests, not an installed copy
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from epson_driver.cli.__main__ import main
@@ -24,7 +23,7 @@ COMMAND = (sys.executable, str(Path(__file__)))
 LONG = 45.0
 
 TIMEOUTS = {
-    # the end of the process waits so long for what may have failed: not too long, therefore
+    # the process waits this long at its end, so the time is limited
     'epson_driver.driver.driver': {'STATUS_TIMEOUT_S': LONG, 'SHUT_DOWN_TIMEOUT_S': 8.0},
     'epson_driver.driver.goal.goal_execution': {'SETTLE_TIME_S': LONG},
     'epson_driver.driver.goal.goal': {'CAUSE_TIMEOUT_MARGIN_S': LONG},
@@ -55,13 +54,13 @@ def be_patient(
     assign: Callable[[object, str, object], object] = setattr,
     timeouts: Mapping[str, Mapping[str, object]] = TIMEOUTS,
 ) -> None:
-    """Make the client's own time-outs long, in this process; `assign` is setattr or the like."""
+    """Lengthen the client's timeouts in this process. `assign` is setattr or a replacement."""
     for name, constants in timeouts.items():
         module = import_module(name)
         for constant, seconds in constants.items():
             assert isinstance(getattr(module, constant), type(seconds))
             assign(module, constant, seconds)
-    if timeouts is TIMEOUTS:  # nobody watches whether a process that is not scheduled hangs
+    if timeouts is TIMEOUTS:  # no watchdog for a process that is not scheduled
         assign(Heartbeat, 'ask', lambda _self: None)
 
 

@@ -10,7 +10,7 @@ from epson_driver.motion import Array
 
 AMPLITUDE, FREQUENCY = 0.2, 0.25
 SETTLED_S = 2.0
-"""The start, which is not judged, s."""
+"""Time after the start that is ignored, s."""
 
 
 def policy(passed: float | Array, frequency: float = FREQUENCY) -> Array:
@@ -18,10 +18,10 @@ def policy(passed: float | Array, frequency: float = FREQUENCY) -> Array:
     return np.asarray(AMPLITUDE * np.sin(2.0 * np.pi * frequency * np.asarray(passed)))
 
 
-def behind(times: Array, ways: Array, wave: Callable[[Array], Array]) -> tuple[float, float]:
-    """Return the delay with which a wave is nearest to the measured positions, s, and the rms."""
+def behind(times: Array, path: Array, wave: Callable[[Array], Array]) -> tuple[float, float]:
+    """Return the delay, s, with the smallest rms error to the measured path, and that error."""
     chosen = times > SETTLED_S
     lags = np.arange(-0.1, 1.5, 0.002)
-    off = [ways[chosen] - wave(times[chosen] - lag) for lag in lags.tolist()]
+    off = [path[chosen] - wave(times[chosen] - lag) for lag in lags.tolist()]
     rms = np.sqrt(np.mean(np.square(off), axis=1))
     return float(lags[rms.argmin()]), float(rms.min())

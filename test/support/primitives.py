@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences of motion primitives as a ROS client sends them."""
+"""Sequences of motion primitives like those of a ROS client."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ READY = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
 
 
 class Sequence:
-    """A sequence that was sent: its feedback and its result."""
+    """A sequence that was sent, with its feedback and its result."""
 
     def __init__(self, peer: Any, motions: list[MotionPrimitive]) -> None:
         self.indices: list[int] = []
@@ -47,7 +47,7 @@ class Sequence:
         self._peer.complete(self._peer.in_executor(self.handle.cancel_goal_async))
 
     def wait_for_motion(self) -> None:
-        """Wait until the joints move; a sequence that has ended instead says why."""
+        """Wait until the joints move, and fail with the result if the sequence has ended."""
         peer = self._peer
         start = peer.position()
         peer.wait_for(
@@ -85,7 +85,7 @@ def tool_move(
     frame: str = 'base_link',
     **arguments: float,
 ) -> MotionPrimitive:
-    """Return a line, or with two offsets an arc, to places that are so far from that of READY."""
+    """Return a line, or an arc for two offsets, to positions relative to that of READY."""
     pose = arm.forward(np.array(READY))
     message = joint_move([], **arguments)
     message.type = (

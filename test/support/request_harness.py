@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Requests of ROS without ROS: what the executor would do is done by hand."""
+"""Requests without ROS: the test runs the executor's work by hand."""
 
 import asyncio
 from contextvars import copy_context
@@ -24,7 +24,7 @@ class Log:
 
 
 class Node:
-    """What the interfaces make of a node: services and subscriptions by their names."""
+    """A node that records services and subscriptions by name."""
 
     def __init__(self):
         self.log = Log()
@@ -50,14 +50,14 @@ class Node:
 
 
 def done(coroutine):
-    """Return what a coroutine returns that waits for nothing."""
+    """Return the result of a coroutine that never waits."""
     with pytest.raises(StopIteration) as end:
         coroutine.send(None)
     return end.value.value
 
 
 class Made:
-    """A bridge in a loop that runs only when it is told to."""
+    """A bridge in a loop that runs only on request."""
 
     def __init__(self):
         self.node = Node()
@@ -78,10 +78,10 @@ class Made:
 
 
 class RosHandle:
-    """A goal of ROS. `cancels`: after how many looks it is seen to be canceled."""
+    """A ROS goal. `cancels`: number of reads after which it is canceled."""
 
     def __init__(self, cancels=None, request=None):
-        self._looks = 0
+        self._reads = 0
         self._cancels = cancels
         self.goal_id = SimpleNamespace(uuid=bytes(16))
         self.request = request
@@ -89,8 +89,8 @@ class RosHandle:
 
     @property
     def is_cancel_requested(self):
-        self._looks += 1
-        return self._cancels is not None and self._looks > self._cancels
+        self._reads += 1
+        return self._cancels is not None and self._reads > self._cancels
 
     @property
     def status(self):

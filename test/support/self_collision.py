@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which links of an arm touch each other, by Pinocchio."""
+"""Links of an arm that touch each other, determined by Pinocchio."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -18,9 +18,9 @@ LIMIT_PROBABILITY = 0.5
 
 
 class CollisionBodies:
-    """The collision geometry of a model, to ask which pairs of links touch.
+    """The collision geometry of a model, which determines touching pairs of links.
 
-    Pairs are numbered as in `pairs`; links come in the order of the chain.
+    Pairs are numbered like `pairs`, and links are in the order of the chain.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -31,7 +31,7 @@ class CollisionBodies:
         )
         self._data = self._model.createData()
         owners = [
-            self._model.frames[each.parentFrame].name for each in self._bodies.geometryObjects
+            self._model.frames[body.parentFrame].name for body in self._bodies.geometryObjects
         ]
         self.links = tuple(dict.fromkeys(owners))
         self.pairs = tuple(combinations(self.links, 2))
@@ -40,14 +40,14 @@ class CollisionBodies:
         self._pair_of_check = []
         for first, second in combinations(range(len(owners)), 2):
             pair = number.get((owners[first], owners[second]))
-            # None: two pieces of one link. Neighbours overlap in their joint: not worth a check
+            # None: two bodies of one link. Neighbours always overlap in their joint
             if pair is not None and self.pairs[pair] not in self.adjacent:
                 self._bodies.addCollisionPair(pinocchio.CollisionPair(first, second))
                 self._pair_of_check.append(pair)
         self._checks = self._bodies.createData()
 
     def touching(self, angles: Array) -> set[int]:
-        """Return the numbers of the pairs that touch, neighbours apart; angles in rad, (n,)."""
+        """Return the numbers of touching pairs, except neighbours, for angles in rad, (n,)."""
         pinocchio.computeCollisions(
             self._model, self._data, self._bodies, self._checks, angles, False
         )
@@ -59,7 +59,7 @@ class CollisionBodies:
         }
 
     def distance(self, angles: Array) -> float:
-        """Return the smallest distance of two links that no joint connects, m."""
+        """Return the smallest distance of two links without a common joint, m."""
         nearest = pinocchio.computeDistances(
             self._model, self._data, self._bodies, self._checks, angles
         )
@@ -69,8 +69,8 @@ class CollisionBodies:
 def random_configurations(limits: JointLimits, number: int, seed: int) -> Iterator[Array]:
     """Yield configurations within the limits, shape (n,), the same ones for the same seed.
 
-    The first and every other one is uniform; in the rest each joint may be at one of its
-    limits, as a folded arm does: uniform samples hardly ever come there.
+    Every other one, from the first, is uniform. In the others each joint may be at one of its
+    limits like in a folded arm, which uniform samples rarely reach.
     """
     random = np.random.default_rng(seed)
     low, high = limits.position_min, limits.position_max

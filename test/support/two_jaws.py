@@ -8,10 +8,10 @@ DI, DO = IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT
 
 
 class TwoJaws:
-    """They begin closed. An output that comes on drives them to its end in `travel` s.
+    """Jaws that start closed. An output that switches on moves them to its end in `travel` s.
 
-    `part`: something keeps them from closing. `stuck`: they do not move. `seen`: the two outputs,
-    open and close, each time one has changed.
+    `part`: an object prevents closing. `stuck`: they do not move. `seen`: both outputs, open and
+    close, at each change.
     """
 
     def __init__(self, controller, wiring, *, travel=0.3):

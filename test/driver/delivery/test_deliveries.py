@@ -17,6 +17,7 @@ from support.driver_harness import (
     Harness,
     ScriptedController,
     Submitted,
+    options_of,
     pose,
     scripted_cell,
     simulated,
@@ -60,15 +61,13 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
     """Run a driver with the controller of a profile; yield both and all packets received."""
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
-    defaults = profile_defaults(profile)
-    rules = delivery_rules(profile, interface or defaults['interface'], defaults['point_message'])
     options.setdefault(
         'settings',
         GoalSettings(cause_timeout=cause_timeout(profile.state), require_planned_speed=False),
     )
     async with (
         simulated(profile=profile) as (controller, ports),
-        Harness(ports, delivery=rules, usual_byte_order=profile.byte_order, **options) as harness,
+        Harness(ports, **options_of(profile, interface) | options) as harness,
     ):
         received = watch(controller)
         await harness.ready()

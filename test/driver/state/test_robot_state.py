@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The robot state: joints as they are mapped, plausible, and when they are stale."""
+"""The robot state: mapping, plausibility and age of joints."""
 
 import math
 import re
@@ -23,7 +23,7 @@ ZEROS = (0.0,) * 10
 
 
 def feed(state, position_at, seconds, begin=50.0, dt=DT, jitter=None):
-    """Feed one-joint positions for a while; return the samples, which begin with the second."""
+    """Feed one-joint positions; return the samples, which start with the second position."""
     samples = []
     for count in range(round(seconds / dt) + 1):
         time = begin + count * dt
@@ -34,8 +34,7 @@ def feed(state, position_at, seconds, begin=50.0, dt=DT, jitter=None):
 
 @pytest.mark.invariant(8)
 @given(st.tuples(*[st.floats(width=32, allow_nan=False, allow_infinity=False)] * 10))
-def test_inv8_positions_are_what_came_bit_for_bit(values):
-    """docs/invariants.md, 8."""
+def test_inv8_positions_are_bit_exact(values):
     state = RobotState(6)
     assert state.on_joints(ZEROS, 0.995) is None
     sample = state.on_joints(values, 1.0)
@@ -50,14 +49,14 @@ def test_velocity_of_a_constant_motion_is_exact():
         assert sample.velocities == pytest.approx([-1.7], rel=1e-9)
 
 
-def test_velocity_with_a_jittering_network():
+def test_velocity_is_accurate_with_network_jitter():
     generator = np.random.default_rng(1)
     samples = feed(RobotState(1), lambda t: 2.0 * t, 2.0, jitter=generator)
     errors = np.array([sample.velocities[0] - 2.0 for sample in samples])
-    assert abs(errors).max() < 0.02  # single differences would be off by 1
+    assert abs(errors).max() < 0.02  # single differences have an error of 1
 
 
-def test_velocity_of_an_accelerating_motion_lags_by_half_the_window():
+def test_velocity_lags_by_half_the_window():
     acceleration = 20.0
     samples = feed(RobotState(1), lambda t: 0.5 * acceleration * t * t, 0.5)
     for sample in samples[20:]:
@@ -66,7 +65,7 @@ def test_velocity_of_an_accelerating_motion_lags_by_half_the_window():
         assert 0.0 < lag < acceleration * (VELOCITY_WINDOW_S / 2 + DT)
 
 
-def test_velocity_of_an_arm_that_stands_is_exactly_zero():
+def test_velocity_of_an_arm_at_rest_is_exactly_zero():
     state = RobotState(1)
     for sample in feed(state, lambda t: 0.1 + 0.2, 1.0):
         assert sample.velocities[0] == 0.0
@@ -79,7 +78,7 @@ def test_velocity_is_zero_soon_after_the_arm_stopped():
             assert sample.velocities[0] == 0.0
 
 
-def test_velocity_at_a_slow_rate_and_after_a_gap():
+def test_velocity_is_accurate_at_a_slow_rate_and_after_a_gap():
     samples = feed(RobotState(1), lambda t: 0.25 * t, 10.0, dt=1.0)
     assert [sample.velocities[0] for sample in samples] == pytest.approx([0.25] * 10)
     state = RobotState(1)
@@ -88,22 +87,22 @@ def test_velocity_at_a_slow_rate_and_after_a_gap():
     assert after_gap.velocities == pytest.approx([0.5], rel=1e-6)
 
 
-def test_velocity_of_several_joints_each_its_own():
+def test_velocities_of_several_joints_are_independent():
     state = RobotState(3)
     for count in range(40):
         sample = state.on_joints(joint_data([count * 0.01, -count * 0.02, 5.0]), count * DT)
     assert sample.velocities == pytest.approx([2.0, -4.0, 0.0], abs=1e-12)
 
 
-def test_positions_that_come_in_one_burst_make_no_velocity_out_of_nothing():
+def test_burst_of_positions_does_not_distort_the_velocity():
     state = RobotState(1)
     feed(state, lambda t: t, 0.1)
-    for count in range(4):  # 20 ms late, all together
+    for count in range(4):  # 20 ms late
         sample = state.on_joints(joint_data([0.105 + count * DT]), 50.12 + count * 1e-5)
     assert 0.5 < sample.velocities[0] < 1.5
 
 
-def test_measured_velocities_are_taken_as_they_are():
+def test_measured_velocities_are_unchanged():
     velocities = (0.125, -1.5, 1e-9, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
     sample = RobotState(4).on_joints(ZEROS, 1.0, velocities)
     assert sample.velocities.tolist() == [0.125, -1.5, 1e-9, 4.0]
@@ -111,7 +110,7 @@ def test_measured_velocities_are_taken_as_they_are():
 
 @pytest.mark.parametrize('bad', [float('nan'), float('inf'), float('-inf')])
 @pytest.mark.parametrize('joint', [0, 3])
-def test_a_position_that_is_not_finite_is_refused(joint, bad):
+def test_non_finite_position_is_refused(joint, bad):
     state = RobotState(4)
     state.on_joints(ZEROS, 0.995)
     good = state.on_joints(ZEROS, 1.0)
@@ -124,22 +123,21 @@ def test_a_position_that_is_not_finite_is_refused(joint, bad):
 
 
 @pytest.mark.parametrize('bad', [float('nan'), float('inf')])
-def test_a_velocity_that_is_not_finite_is_refused(bad):
-    """A NaN is not below any tolerance, but not above one either: the arm would seem to stand."""
+def test_non_finite_velocity_is_refused(bad):
+    """NaN is not above any tolerance, so the arm would seem to be at rest."""
     state = RobotState(4)
     with pytest.raises(ValueError, match=r'joint 2: velocity .* is not finite'):
         state.on_joints(ZEROS, 1.0, (0.0, bad) + (0.0,) * 8)
     assert state.sample is None
 
 
-def test_what_is_not_finite_in_an_unused_joint_does_not_matter():
+def test_non_finite_value_of_an_unused_joint_is_ignored():
     values = (0.0, 0.0, float('nan')) + (0.0,) * 7
     assert RobotState(2).on_joints(values, 1.0, values).positions.tolist() == [0.0, 0.0]
 
 
 @pytest.mark.invariant(6)
-def test_inv6_clear_forgets_everything():
-    """docs/invariants.md, 6."""
+def test_inv6_clear_removes_all_state():
     state = RobotState(1)
     feed(state, lambda t: 3.0 * t, 1.0)
     state.on_status(Status(in_motion=TriState.TRUE), 51.0)
@@ -149,7 +147,7 @@ def test_inv6_clear_forgets_everything():
     assert state.sample is None
     assert state.status is None
     assert state.in_motion == TriState.UNKNOWN
-    # the history is gone as well: no velocity across the time without a link
+    # no velocity is derived across the time without a link
     assert state.on_joints(joint_data([0.0]), 51.1) is None
     assert state.why_not_ready(51.1) == 'no joint state from the controller'
 
@@ -161,8 +159,8 @@ def test_memory_is_bounded():
     assert len(state._clock._envelope) < 10
 
 
-def test_positions_and_velocities_are_counted_as_ros_does():
-    """The controller's joint 3 goes against its joint 2; joint 1 turns the other way."""
+def test_joint_mapping_applies_to_positions_and_velocities():
+    """The controller's joint 3 depends on its joint 2, and joint 1 is reversed."""
     mapping = joint_mapping(3, [-1, 1, 1], [0.5, 0.0, 0.0], 1)
     state = RobotState(3, mapping=mapping)
     for count in range(20):  # fitted velocities
@@ -186,12 +184,12 @@ LOW, HIGH = LIMITS.position_min - 0.1, LIMITS.position_max + 0.1
 FASTEST = LIMITS.velocity * 1.5
 
 NEAR = st.sampled_from([-1.0, -1e-9, 0.0, 1e-9, 1.0])
-"""How far beyond a limit."""
+"""Distance beyond a limit."""
 
 
 @st.composite
 def near_limits(draw, low, high):
-    """Return values of which some lie at a limit, or just beyond it, or are not finite."""
+    """Return values at a limit, just beyond it, or not finite."""
     values = []
     for joint in range(JOINTS):
         side = draw(st.sampled_from([low[joint], high[joint], 0.0]))
@@ -201,8 +199,7 @@ def near_limits(draw, low, high):
 
 @pytest.mark.invariant(8)
 @given(near_limits(LOW, HIGH))
-def test_inv8_where_joints_cannot_be(positions):
-    """docs/invariants.md, 8."""
+def test_inv8_positions_out_of_range_are_implausible(positions):
     inside = all(
         low <= value <= high for low, value, high in zip(LOW, positions, HIGH, strict=True)
     )
@@ -211,8 +208,7 @@ def test_inv8_where_joints_cannot_be(positions):
 
 @pytest.mark.invariant(8)
 @given(near_limits(-FASTEST, FASTEST))
-def test_inv8_how_fast_joints_cannot_be(velocities):
-    """docs/invariants.md, 8."""
+def test_inv8_velocities_beyond_the_limit_are_implausible(velocities):
     too_fast = any(
         abs(value) > fastest for value, fastest in zip(velocities, FASTEST, strict=True)
     )
@@ -225,8 +221,7 @@ def test_inv8_how_fast_joints_cannot_be(velocities):
     st.lists(st.sampled_from([0.0, MIN_JUMP, 0.06, 0.3, -0.3]), min_size=JOINTS, max_size=JOINTS),
     st.floats(0.001, 0.3),
 )
-def test_inv8_where_joints_cannot_have_got_to(before, steps, elapsed):
-    """docs/invariants.md, 8."""
+def test_inv8_jumps_beyond_the_velocity_limit_are_implausible(before, steps, elapsed):
     positions = [old + step for old, step in zip(before, steps, strict=True)]
     jumped = any(
         abs(new - old) > fastest * elapsed + MIN_JUMP
@@ -247,22 +242,22 @@ mappings = st.builds(
 
 
 @pytest.mark.parametrize('factor', [1, -1])
-def test_fanuc_and_abb_couple_the_third_joint_to_the_second(factor):
-    """industrial_robot_client: state J3 + f J2, command J3 - f J2; velocities alike."""
+def test_coupling_of_joint_3_to_joint_2_matches_fanuc_and_abb(factor):
+    """industrial_robot_client: state J3 + f J2, command J3 - f J2; the same for velocities."""
     mapping = joint_mapping(6, [1], [0.0], factor)
     controller = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     expected = [0.1, 0.2, 0.3 + factor * 0.2, 0.4, 0.5, 0.6]
-    for there, back in (
+    for to_ros, to_controller in (
         (mapping.positions_to_ros, mapping.positions_to_controller),
         (mapping.velocities_to_ros, mapping.velocities_to_controller),
     ):
-        ros = there(controller)
+        ros = to_ros(controller)
         np.testing.assert_allclose(ros, expected, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(back(ros), controller, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(to_controller(ros), controller, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(controller, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
 
 
-def test_sign_and_offset_come_after_the_coupling():
+def test_sign_and_offset_are_applied_after_the_coupling():
     mapping = joint_mapping(3, [1, -1, -1], [0.0, 0.5, 1.0], 1)
     controller = np.array([0.1, 0.2, 0.3])
     np.testing.assert_allclose(mapping.positions_to_ros(controller), [0.1, 0.3, 0.5])
@@ -270,7 +265,7 @@ def test_sign_and_offset_come_after_the_coupling():
 
 
 @given(mappings, numbers)
-def test_there_and_back_is_the_same(mapping, values):
+def test_mapping_is_reversible(mapping, values):
     for there, back in (
         (mapping.positions_to_ros, mapping.positions_to_controller),
         (mapping.velocities_to_ros, mapping.velocities_to_controller),
@@ -279,7 +274,7 @@ def test_there_and_back_is_the_same(mapping, values):
 
 
 @given(mappings, numbers, numbers)
-def test_a_velocity_is_the_change_of_the_position(mapping, values, change):
+def test_velocity_mapping_matches_position_changes(mapping, values, change):
     for positions, velocities in (
         (mapping.positions_to_ros, mapping.velocities_to_ros),
         (mapping.positions_to_controller, mapping.velocities_to_controller),
@@ -289,14 +284,13 @@ def test_a_velocity_is_the_change_of_the_position(mapping, values, change):
 
 
 @given(mappings, st.lists(numbers, min_size=1, max_size=4).map(np.array))
-def test_rows_are_mapped_one_by_one(mapping, rows):
+def test_rows_are_mapped_independently(mapping, rows):
     together = mapping.positions_to_controller(rows)
     np.testing.assert_array_equal(together, [mapping.positions_to_controller(r) for r in rows])
 
 
 @pytest.mark.invariant(8)
-def test_inv8_without_a_mapping_the_values_are_the_same_bits():
-    """docs/invariants.md, 8."""
+def test_inv8_identity_mapping_keeps_the_bits():
     values = np.array([0.1, -0.0, 5e-324])
     mapping = unmapped(3)
     assert mapping.identity
@@ -320,11 +314,11 @@ def test_inv8_without_a_mapping_the_values_are_the_same_bits():
         ([1], [1e300], 0, 'joint_offsets = [1e+300]: must be a list, of which each must be a'),
     ],
 )
-def test_a_wrong_parameter_is_named(signs, offsets, factor, text):
+def test_invalid_mapping_parameter_is_named(signs, offsets, factor, text):
     with pytest.raises(ValueError, match=re.escape(text)):
         joint_mapping(6, signs, offsets, factor)
 
 
-def test_two_joints_have_no_coupling():
+def test_coupling_of_two_joints_is_refused():
     with pytest.raises(ValueError, match='j23_factor = 1: there are 2 joints'):
         joint_mapping(2, [1], [0.0], 1)

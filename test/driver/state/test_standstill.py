@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""When the arm stands is a matter of when it was measured, not of when that came (invariant 5)."""
+"""Rest is judged by the measurement time of samples, not by their arrival (invariant 5)."""
 
 import numpy as np
 import pytest
@@ -17,16 +17,14 @@ BEGIN = 100.0
 
 @pytest.mark.parametrize('delay', [0.0, 0.3])
 @pytest.mark.parametrize('in_motion', [TriState.FALSE, TriState.UNKNOWN])
-def test_inv5_what_was_measured_before_the_motion_began_is_no_standstill_after_it(
-    delay, in_motion
-):
-    """docs/invariants.md, 5: a network that is late shows the arm as it stood before."""
+def test_inv5_samples_from_before_the_motion_are_not_rest_after_it(delay, in_motion):
+    """A delayed network shows the arm at rest before the motion."""
     robot, standstill = RobotState(1), Standstill(BEGIN)
     sent = BEGIN
     standstill.expect(None)
     after = BEGIN + 0.5
 
-    def come(sent, late):
+    def receive(sent, late):
         robot.on_status(Status(in_motion=in_motion), sent + late)
         sample = robot.on_joints(joint_data([0.0]), sent + 0.005 + late)
         if sample is not None:
@@ -34,27 +32,26 @@ def test_inv5_what_was_measured_before_the_motion_began_is_no_standstill_after_i
         return sample
 
     while sent < after:
-        come(sent, 0.0)
+        receive(sent, 0.0)
         sent += 0.01
     standstill.expect(after)
     hold = after + delay
     reached = []
     while sent < after + 1.0:
-        sample = come(sent, max(hold - sent, 0.0))
+        sample = receive(sent, max(hold - sent, 0.0))
         reached.append((sent, standstill.reached(sample.measured)))
         sent += 0.01
-    first = next(time for time, stands in reached if stands)
+    first = next(time for time, at_rest in reached if at_rest)
     assert first >= after + REST_TIME_S - 0.02
     assert first < after + REST_TIME_S + 0.05
 
 
-def test_inv5_what_comes_just_after_but_was_measured_before_does_not_count():
-    """docs/invariants.md, 5."""
+def test_inv5_burst_measured_before_the_expected_motion_is_not_rest():
     robot, standstill = RobotState(1), Standstill(BEGIN)
     for count in range(100):
         robot.on_joints(joint_data([0.0]), BEGIN + count * 0.005)
     standstill.expect(BEGIN + 0.7)
-    for _ in range(40):  # 0.2 s of them, read at once at 0.71 s
+    for _ in range(40):  # 0.2 s of samples, read at 0.71 s
         sample = robot.on_joints(joint_data([0.0]), BEGIN + 0.71)
         standstill.see(sample, robot, STOPPED, BEGIN + 0.71)
         assert standstill._since is None

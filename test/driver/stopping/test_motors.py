@@ -8,13 +8,12 @@ import gc
 import weakref
 
 import pytest
-from support.driver_harness import Harness, ScriptedController, frame, pose, simulated
+from support.driver_harness import Harness, ScriptedController, frame, options_of, pose, simulated
 from support.event_loop import until
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.channel import make_motors
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
 from epson_driver.driver.stopping.motors import (
     Action,
@@ -26,19 +25,11 @@ from epson_driver.driver.stopping.motors import (
     SerializedMotors,
 )
 from epson_driver.profiles import load_controller_profile
-from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import MessageType, MotionCtrl, decode
 from epson_driver.simple_message.motoman import Command, Result
 
-MOTOMAN = load_controller_profile('motoman')
-
-
-def as_motoman():
-    """Return the part of a driver's configuration that the profile sets."""
-    defaults = profile_defaults(MOTOMAN)
-    rules = delivery_rules(MOTOMAN, defaults['interface'], defaults['point_message'])
-    return {'delivery': rules, 'motors': MOTOMAN.program.motors, 'remote_port': 0}
+MOTOMAN = options_of('motoman') | {'remote_port': 0}
 
 
 def commands_in(controller):
@@ -99,7 +90,7 @@ def test_motors_of_every_profile():
 async def test_enable_and_disable_switch_motoman_servos():
     async with (
         simulated(profile='motoman') as (controller, ports),
-        Harness(ports, **as_motoman()) as harness,
+        Harness(ports, **MOTOMAN) as harness,
     ):
         commands = commands_in(controller)
         await harness.ready()
@@ -126,7 +117,7 @@ async def test_enable_and_disable_switch_motoman_servos():
 async def test_reset_error_resets_the_alarm_of_a_motoman():
     async with (
         simulated(profile='motoman') as (controller, ports),
-        Harness(ports, **as_motoman()) as harness,
+        Harness(ports, **MOTOMAN) as harness,
     ):
         commands = commands_in(controller)
         await harness.ready()
@@ -177,7 +168,7 @@ async def test_gate_stays_closed_if_motoman_servos_stay_off(monkeypatch, result,
 
     async with (
         ScriptedMotoman(result) as scripted,
-        Harness(scripted.ports, **as_motoman()) as harness,
+        Harness(scripted.ports, **MOTOMAN) as harness,
     ):
         await harness.ready()
         text = await rejection(harness.commands.enable())
@@ -189,7 +180,7 @@ async def test_gate_stays_closed_if_motoman_servos_stay_off(monkeypatch, result,
 
 async def test_reset_of_a_motoman_without_a_link_is_refused():
     async with ScriptedMotoman(None) as scripted:
-        harness = Harness(scripted.ports, **as_motoman())
+        harness = Harness(scripted.ports, **MOTOMAN)
         text = await rejection(harness.commands.reset_error())
         assert 'RESET_ALARM: motion link is disconnected: reset the error at' in text
 

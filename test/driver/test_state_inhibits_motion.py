@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joints that are old, impossible or missing: nothing begins on them (invariants 6 and 8)."""
+"""Old, implausible or missing joints inhibit motion (invariants 6 and 8)."""
 
 import asyncio
-import logging
 import re
 import struct
 
@@ -38,25 +37,24 @@ def feedback(*values, valid=2):
 
 
 async def more(harness, count):
-    """Wait for so many more samples."""
+    """Wait for `count` more samples."""
     seen = len(harness.events.samples)
     await until(lambda: len(harness.events.samples) >= seen + count)
 
 
-async def test_inv6_one_feedback_among_positions_silences_nothing():
-    """docs/invariants.md, 6 and 8: every joint message is an event again after a few."""
+async def test_inv6_single_feedback_does_not_suppress_positions():
     async with scripted_cell(enabled=False) as (harness, scripted):
         for _ in range(3):
             seen = len(harness.events.samples)
             received = harness.driver.state_link.statistics.frames_received
             scripted.extra = feedback(0.001)
             await more(harness, 20)
-            came = harness.driver.state_link.statistics.frames_received - received
-            assert len(harness.events.samples) - seen >= came / 2 - 4  # the rest are STATUS
+            arrived = harness.driver.state_link.statistics.frames_received - received
+            assert len(harness.events.samples) - seen >= arrived / 2 - 4  # the others are STATUS
             assert any(s.positions[0] > 0.0 for _, s in harness.events.samples[seen:])
 
 
-async def test_feedback_that_comes_with_each_position_is_what_counts():
+async def test_feedback_sent_with_each_position_replaces_it():
     async with scripted_cell(enabled=False) as (harness, scripted):
         for _ in range(20):
             scripted.extra = feedback(0.001, valid=6)
@@ -68,12 +66,12 @@ async def test_feedback_that_comes_with_each_position_is_what_counts():
         assert {float(s.positions[0]) for _, s in harness.events.samples} <= {
             struct.unpack('<f', struct.pack('<f', 0.001))[0]
         }
-        scripted.extra = b''  # and when it ends, the positions count again
+        scripted.extra = b''  # positions are used again without feedback
         await until(lambda: harness.events.samples[-1][1].positions[0] == 0.0)
 
 
 @pytest.mark.parametrize(
-    ('message', 'said'),
+    ('message', 'text'),
     [
         (position(1e10), r'joint_1 is reported at 1e\+10 rad: with its margin it can be at'),
         (position(0.0, 0.0, 3.75), 'joint_3 is reported to have jumped by 3.75 rad in'),
@@ -82,35 +80,28 @@ async def test_feedback_that_comes_with_each_position_is_what_counts():
     ],
     ids=['out of range', 'jump', 'nan', 'feedback'],
 )
-def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, said, caplog):
-    """docs/invariants.md, 6: it is said, and the arm must be enabled again when it is over."""
+async def test_inv6_implausible_joints_stop_the_goal_and_are_not_published(message, text, caplog):
+    def reply(sequence):
+        return answer(1, sequence) if sequence < 0 else b''
 
-    async def scenario():
-        async with scripted_cell(lambda number: answer(1, number) if number < 0 else b'') as (
-            harness,
-            scripted,
-        ):
-            goal = harness.submit(pose(0.5))
-            scripted.extra = message
-            outcome = await goal.end()
-            assert outcome.end is End.ABORTED
-            assert 'the joint state cannot be true: ' in outcome.text
-            assert 'the joint state cannot be true: ' in harness.gate
-            assert harness.driver.state_link.statistics.bad_frames['joints'] == 1
-            began = now()
-            await harness.commands.enable()
-            assert now() - began > 0.5 * DISTRUST_TIME_S
-            assert not any(sample.positions.any() for _, sample in harness.events.samples)
-            assert harness.driver.state_link.connected
-
-    with caplog.at_level(logging.WARNING):
-        run(scenario())
-    assert any('joint state dropped: ' in text for text in caplog.messages)
-    assert re.search(said, caplog.text)
+    async with scripted_cell(reply) as (harness, scripted):
+        goal = harness.submit(pose(0.5))
+        scripted.extra = message
+        outcome = await goal.end()
+        assert outcome.end is End.ABORTED
+        assert 'the joint state cannot be true: ' in outcome.text
+        assert 'the joint state cannot be true: ' in harness.gate
+        assert harness.driver.state_link.statistics.bad_frames['joints'] == 1
+        start = now()
+        await harness.commands.enable()
+        assert now() - start > 0.5 * DISTRUST_TIME_S
+        assert not any(sample.positions.any() for _, sample in harness.events.samples)
+        assert harness.driver.state_link.connected
+    assert 'joint state dropped: ' in caplog.text
+    assert re.search(text, caplog.text)
 
 
-async def test_inv6_enable_needs_joints_that_can_be_true():
-    """docs/invariants.md, 6."""
+async def test_inv6_enable_is_refused_with_implausible_joints():
     async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
         scripted.shows_joints = False
 
@@ -129,14 +120,9 @@ async def test_inv6_enable_needs_joints_that_can_be_true():
         task.cancel()
 
 
-async def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
-    """docs/invariants.md, 6: the STATUS goes on, and the link waits for long."""
-    async with (
-        ScriptedController() as scripted,
-        Harness(scripted.ports, state_timeout=60.0) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv6_goal_is_refused_if_the_pose_is_old():
+    """The STATUS continues, and the link has a long timeout."""
+    async with scripted_cell(state_timeout=60.0) as (harness, scripted):
         scripted.shows_joints = False
         await more_statuses(harness, 3)
         stopped = now()
@@ -152,25 +138,20 @@ async def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
 
 @pytest.mark.invariant(6)
 @pytest.mark.parametrize(
-    ('timeout', 'age', 'begins'),
+    ('timeout', 'age', 'starts'),
     [(1.0, 0.28, True), (1.0, 0.32, False), (0.1, 0.08, True), (0.1, 0.12, False)],
 )
-async def test_inv6_no_goal_begins_on_a_pose_that_is_older_than_the_timeout(timeout, age, begins):
-    """docs/invariants.md, 6: joints end and STATUS goes on."""
-    async with (
-        ScriptedController() as scripted,
-        Harness(scripted.ports, state_timeout=timeout) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv6_goal_starts_only_on_a_pose_younger_than_the_timeout(timeout, age, starts):
+    """Joints stop, and STATUS continues."""
+    async with scripted_cell(state_timeout=timeout) as (harness, scripted):
         scripted.shows_joints = False
         await more_statuses(harness, 1)
         last = harness.driver.robot.sample
         await until(lambda: now() > last.measured + age)
         harness.submit(pose(0.5))
         await until(lambda: harness.gate is not None)
-        assert bool(scripted.received) is begins
-        # and what runs ends as soon as there were none for 1 s
+        assert bool(scripted.received) is starts
+        # a running goal ends 1 s after the last joints
         assert now() - last.time == pytest.approx(1.0, abs=0.001)
 
 
@@ -180,8 +161,8 @@ async def more_statuses(harness, count):
 
 
 @pytest.mark.slow
-def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path):
-    """A false alarm under load stops a robot in production; the controller has sent all along."""
+def test_stalled_event_loop_reads_messages_before_it_judges_their_age(tmp_path):
+    """A false alarm stops a robot in production."""
 
     async def scenario():
         controller = await asyncio.to_thread(processes.sim_controller, tmp_path / 'log')
@@ -202,25 +183,25 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
                 assert harness.driver.state_link.statistics.connections == 1
                 assert harness.driver.robot.status is not None
                 ages = [s.time - s.measured for _, s in harness.events.samples[-400:]]
-                assert max(ages) > 1.0  # what waited is as old as it is
+                assert max(ages) > 1.0  # delayed samples have their true age
         finally:
             await asyncio.to_thread(controller.end)
 
     run(scenario(), real_time=True)
 
 
-async def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one_moment():
-    """A pose that was fresh when the goal came is not too old a line later."""
+async def test_stalled_process_checks_a_goal_at_one_moment():
+    """A pose that is fresh at the first check is not too old at the second."""
     async with cell() as (harness, _):
         robot = harness.driver.robot
         judge = robot.stale
 
-        def held_up(now):
+        def stalled(now):
             stale = judge(now)
             asyncio.get_running_loop().now += 2 * MAX_POSE_AGE_S
             return stale
 
-        robot.stale = held_up
+        robot.stale = stalled
         goal = harness.submit(pose(0.1))
         robot.stale = judge
         assert not goal.outcomes
@@ -229,8 +210,7 @@ async def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one
 
 @pytest.mark.invariant(5)
 @pytest.mark.parametrize('end', ['cancel', 'newer', 'fault'])
-async def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
-    """docs/invariants.md, 5: between the goal and its start."""
+async def test_inv5_goal_that_waits_for_a_fresh_state_ends_once(end):
     async with scripted_cell() as (harness, scripted):
         stand_still(2 * MAX_POSE_AGE_S)
         goal = harness.submit(pose(0.1))
@@ -244,8 +224,8 @@ async def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
             await until(lambda: scripted.received)
             assert not newer.outcomes
         else:
-            harness.driver.fault('somebody pulled the plug')
-            assert goal.outcome.text.startswith('somebody pulled the plug')
+            harness.driver.fault('for the test')
+            assert goal.outcome.text.startswith('for the test')
         await more(harness, 50)
         assert len(goal.outcomes) == 1
         assert bool(scripted.received) == (end == 'newer')
