@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from epson_driver.inputs import near_name
-from epson_driver.setup.table import ROWS, Row
 
 SWITCH = ('true', 'false')
 
@@ -22,26 +21,30 @@ class Argument:
     choices: tuple[str, ...] = ()
 
 
-OF_DRIVER = (
-    'robot_ip',
-    'robot_model',
-    'controller',
-    'interface',
-    'motion_port',
-    'state_port',
-    'io_port',
-    'remote_port',
-)
-"""Parameters of the driver that are arguments, too."""
-
-
-def _of_driver(row: Row) -> Argument:
-    description = f'{row.description} Empty: as params_file says, or the default.'
-    return Argument(row.name, '', description, ('', *row.choices) if row.choices else ())
-
-
 TABLE = (
-    *(_of_driver(ROWS[name]) for name in OF_DRIVER),
+    Argument(
+        'robot_ip',
+        '',
+        'Address of the robot controller. Empty: as params_file says, or 127.0.0.1.',
+    ),
+    Argument(
+        'robot_model',
+        '',
+        'Robot model: a file of config/robots, without .yaml, or the path of a .yaml file. '
+        'Empty: as params_file says, or c3_a601s.',
+    ),
+    Argument(
+        'controller',
+        '',
+        'Its kind: a file of config/controllers. Empty: as params_file says, or simulated.',
+    ),
+    Argument(
+        'interface',
+        '',
+        'How trajectories reach the controller: point by point, or all before the arm moves. '
+        "Empty: as params_file says, or the controller's usual way.",
+        ('', 'streaming', 'download'),
+    ),
     Argument(
         'namespace',
         '',
@@ -51,6 +54,17 @@ TABLE = (
         'tf_prefix',
         '',
         'Prefix of the names of all joints and links, such as left_ for left_joint_1.',
+    ),
+    Argument(
+        'motion_port', '', "TCP port of the motion server. Empty: the controller's usual one."
+    ),
+    Argument('state_port', '', "TCP port of the state server. Empty: the controller's usual one."),
+    Argument('io_port', '', "TCP port of the I/O server. Empty: the controller's usual one."),
+    Argument(
+        'remote_port',
+        '',
+        'TCP port of Remote Ethernet, which switches the motors; 0: not used. Empty: the '
+        "controller's usual one; with use_sim_controller 5000.",
     ),
     Argument(
         'params_file',
