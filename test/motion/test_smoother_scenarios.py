@@ -1,21 +1,40 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories, streams, holds, stops and replacements in random order.
+"""Random plans, streams, holds, stops and replacements: limits at every instant.
 
 Invariants 2 and 3 of docs/invariants.md.
 """
 
 import pytest
 from support.examples import one_in
-from support.smoother_harness import assert_kept
+from support.smoother_harness import assert_kept, assert_within_all_limits
 
 pytestmark = pytest.mark.invariant(2, 3)
 
-BLOCKS, SIZE = 10, 50
-"""Blocks of scenarios in `make soak-tests`, 500 in all."""
 
-SLOW_BLOCKS = 2
-"""Blocks in `make test-all`."""
+def blocks(count, slow):
+    """Return blocks: `make test-all` runs the first `slow`, and `make soak` the others."""
+    marks = [pytest.mark.slow if block < slow else pytest.mark.soak for block in range(count)]
+    return [pytest.param(block, marks=mark) for block, mark in enumerate(marks)]
+
+
+def check_plans(first: int, last: int) -> None:
+    """Check random plans, every tenth sampled at 10 kHz, the others at 1 kHz."""
+    for seed in range(first, last):
+        assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)
+
+
+@pytest.mark.parametrize(
+    'first', [0, *(pytest.param(first, marks=pytest.mark.slow) for first in (3, 6, 9))]
+)
+def test_limits_hold_at_every_instant_of_a_plan(first: int) -> None:
+    check_plans(first, first + 3)
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize('block', blocks(20, slow=3))
+def test_limits_hold_at_every_instant_in_2000_plans(block: int) -> None:
+    check_plans(1000 + 100 * block, 1100 + 100 * block)
 
 
 @pytest.mark.parametrize('seed', one_in(2, [0, 1]))
@@ -24,13 +43,7 @@ def test_limits_hold_at_every_instant_for_any_sequence_of_requests(seed: int) ->
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(
-    'block',
-    [
-        pytest.param(block, marks=pytest.mark.slow if block < SLOW_BLOCKS else pytest.mark.soak)
-        for block in range(BLOCKS)
-    ],
-)
+@pytest.mark.parametrize('block', blocks(10, slow=2))
 def test_limits_hold_at_every_instant_in_500_scenarios(block: int) -> None:
-    for seed in range(100 + SIZE * block, 100 + SIZE * (block + 1)):
+    for seed in range(100 + 50 * block, 150 + 50 * block):
         assert_kept(seed)
