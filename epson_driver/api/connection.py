@@ -251,7 +251,7 @@ class Connection:
         if driver.state_link in down:
             return missing
         now = asyncio.get_running_loop().time()
-        why = None if driver.state_link.joints_withheld else driver.robot.why_not_ready(now)
+        why = None if driver.robot.withheld else driver.robot.why_not_ready(now)
         if why is not None:
             missing.append(f'{why}: is the state server of the controller running?')
         if driver.robot.status is None:

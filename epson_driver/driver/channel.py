@@ -51,10 +51,6 @@ class Channel:
         """The state and motion links, and the I/O link if one exists."""
         return [*self.links, *([] if self.io.link is None else [self.io.link])]
 
-    def joints_withheld(self) -> bool:
-        """Return whether the controller reports no joints in its present condition."""
-        return self.state_link.joints_withheld
-
 
 OnPacket = Callable[[Packet], None]
 OnLink = Callable[[str, LinkState, str], None]

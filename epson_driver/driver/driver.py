@@ -105,7 +105,7 @@ class Driver:
         self.trace = Trace(channel.all_links)
         rules, mapping = configuration.state_rules, configuration.joint_mapping
         self.robot = robot = RobotState(
-            len(limits.names), configuration.errors, mapping, rules, channel.joints_withheld
+            len(limits.names), configuration.errors, mapping, rules, lambda: state.joints_withheld
         )
         self.heartbeat = Heartbeat(
             motion, state, configuration.client_timeout, self._has_points, self.fault
@@ -309,7 +309,7 @@ class Driver:
         now = self._now()
         self.robot.on_status(status, came)
         self._status_missing.heard(now)
-        if self.state_link.joints_withheld:
+        if self.robot.withheld:
             self._joints_missing.heard(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()

@@ -24,6 +24,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import NoReturn
 
 from epson_driver.inputs import printable
 from epson_driver.link import Link, LinkState, WireEvent
@@ -185,8 +186,12 @@ class RemoteLink(Link):
         if not self.connected:
             raise ConnectionError(f'remote link is {self.state.value}')
 
-    def tell(self, message: Message) -> None:
-        """Raise ConnectionError: every message to the remote port has a reply."""
+    def post(self, message: Message, on_reply: object) -> NoReturn:
+        """Raise ConnectionError, as `tell`: the remote port takes text only."""
+        self.tell(message)
+
+    def tell(self, message: Message) -> NoReturn:
+        """Raise ConnectionError: the remote port takes text only."""
         raise ConnectionError(f'{message} is nothing for a remote port')
 
     def follow(self, dialect: Dialect) -> None:
@@ -239,18 +244,19 @@ class RemoteLink(Link):
     async def _serve(self, connection: Connection) -> str:
         connection.begin()
         tasks = [asyncio.create_task(part) for part in (self._talk(), self._watch())]
-        moving = False
         try:
             ends = (connection.ended, *tasks)
             await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
             why = next(each.result() for each in ends if each.done())
+            if not self.connected and why == 'closed by the controller':
+                why += f' at the login: {ONE_CLIENT}'
+            return f'{why}; {GOES_ON}' if self.moving else why
         finally:
             for task in tasks:
                 task.cancel()
             try:
                 await asyncio.gather(*tasks, return_exceptions=True)
             finally:  # last: pending requests would otherwise never complete, and block others
-                moving, established = self.moving, self.connected
                 self._motion, self._aborted, self.joints_withheld = None, None, False
                 unanswered, self._asked = [*self._asked, *self._executes], []
                 self._executes.clear()
@@ -258,9 +264,6 @@ class RemoteLink(Link):
                     question.answered(
                         ConnectionError('the connection ended before it was answered')
                     )
-        if not established and why == 'closed by the controller':
-            why += f' at the login: {ONE_CLIENT}'
-        return f'{why}; {GOES_ON}' if moving else why
 
     async def _watch(self) -> str:
         """Wait until the state is unanswered for the timeout. Return why the link is lost."""
@@ -356,26 +359,18 @@ def _status(
     The motors' state is printed with the joints. Without joints, an E-stop means that they are
     off.
     """
-
-    def said(*names: str) -> TriState:
-        return TriState.TRUE if any(name in flags for name in names) else TriState.FALSE
-
-    motors = TriState.UNKNOWN
-    if 'EStop' in flags:
+    active = set(flags)
+    motors = TriState.UNKNOWN if told is None else TriState(bool(told[-1]))
+    if 'EStop' in active:
         motors = TriState.FALSE
-    elif told is not None:
-        motors = TriState.TRUE if told[-1] else TriState.FALSE
-    rest = TriState.UNKNOWN if 'Running' in flags else TriState.FALSE
-    possible = motors
-    if _FORBID_EXECUTE.intersection(flags) - {'Running'}:
-        possible = TriState.FALSE
-    manual = 'Teach' in flags or 'Test' in flags
+    rest = TriState.UNKNOWN if 'Running' in active else TriState.FALSE
+    manual = active & {'Teach', 'Test'}
     return Status(
         drives_powered=motors,
-        e_stopped=said('EStop'),
+        e_stopped=TriState('EStop' in active),
         error_code=number,
-        in_error=said('Error', 'SError'),
+        in_error=TriState(bool(active & {'Error', 'SError'})),
         in_motion=TriState.TRUE if moving else rest,
-        mode=Mode.MANUAL if manual else Mode.AUTO if 'Auto' in flags else Mode.UNKNOWN,
-        motion_possible=possible,
+        mode=Mode.MANUAL if manual else Mode.AUTO if 'Auto' in active else Mode.UNKNOWN,
+        motion_possible=TriState.FALSE if active & _FORBID_EXECUTE - {'Running'} else motors,
     )

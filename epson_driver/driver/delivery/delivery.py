@@ -24,6 +24,8 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import Message, Packet
 
+Interface = Literal['streaming', 'download', 'statements']
+
 OnReply = Callable[[Packet, float], None]
 """on_reply(packet, now) is called when a message is answered. now: the loop's time, s."""
 
@@ -38,7 +40,7 @@ class DeliveryRules:
     statements. The values have the meaning defined for profiles (docs/controllers.md).
     """
 
-    interface: Literal['streaming', 'download', 'statements'] = 'streaming'
+    interface: Interface = 'streaming'
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] = 'joint_traj_pt'
     motoman: bool = False
     uses: FieldsUsed = FieldsUsed.BOTH

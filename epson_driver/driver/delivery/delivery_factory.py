@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The delivery rules for a controller and its parameters."""
 
-from typing import Literal
-
-from epson_driver.driver.delivery.delivery import DeliveryRules
+from epson_driver.driver.delivery.delivery import DeliveryRules, Interface
 from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 
@@ -14,14 +12,10 @@ LOW_POWER = 0.05
 WHOLE_PERCENT = 0.01
 """Minimum Speed of SPEL+, as a fraction."""
 
-_INTERFACES: dict[str, Literal['streaming', 'download', 'statements']] = {
-    'streaming': 'streaming',
-    'download': 'download',
-    'statements': 'statements',
-}
 
-
-def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> DeliveryRules:
+def delivery_rules(
+    profile: ControllerProfile, interface: Interface, message: str
+) -> DeliveryRules:
     """Return the rules for a profile and the parameters `interface` and `point_message`.
 
     Raises ValueError if the parameters are incompatible.
@@ -45,7 +39,7 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         )
     download = profile.program.download
     return DeliveryRules(
-        interface=_INTERFACES[interface],
+        interface=interface,
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
         uses=FieldsUsed(profile.program.uses),

@@ -10,7 +10,6 @@ sent through a callable.
 
 import contextlib
 import logging
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
@@ -19,6 +18,7 @@ import numpy as np
 
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
+from epson_driver.driver.delivery.statements import StatementReply
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP
 from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, check_start, late_start
 from epson_driver.driver.goal.goal_states import (
@@ -195,7 +195,8 @@ class GoalExecution:
             return
         self._standstill.alive = now
         if (no := reply_rejection(packet)) is not None:
-            self._reject(f'the controller refused {self._name(index)} ({no})', now)
+            why = f'the controller refused {self._name(index)} ({no})'
+            self._reject(why, now, moved=isinstance(packet.message, StatementReply))
             return
         self.point += 1
         if self._schedule is not None and self.point < len(self._schedule):
@@ -327,13 +328,12 @@ class GoalExecution:
             self._send_stop()
         self._on_end(Outcome(End.ABORTED, code, text, unexplained, remedy))
 
-    def _reject(self, why: str, now: float) -> None:
-        """Stop because the controller rejected a point, and wait for the STATUS with the cause."""
+    def _reject(self, why: str, now: float, *, moved: bool = False) -> None:
+        """Stop after a rejection, and wait for its cause. `moved`: the arm may have moved."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
-        statement = self._schedule is not None and math.isinf(self._schedule.duration)
-        taken = self.point > 0 or statement  # either may have moved the arm
-        self._step(GoalEvent.REJECTION_MIDWAY if taken else GoalEvent.REJECTION)
+        moved |= self.point > 0
+        self._step(GoalEvent.REJECTION_MIDWAY if moved else GoalEvent.REJECTION)
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, gap: float) -> None:
