@@ -230,7 +230,7 @@ class NodeProcess(Process):
                 lambda look: plan_sequence(self._arm, start, lines, look=look)
             )
             plan.check()
-            if not queue.idle or self.driver.moves is not None:
+            if not queue.idle or self.driver.statements is not None:
                 raise SequenceError('another goal runs, or the controller takes no plans')
         except (GoalRejectedError, SequenceError, PlanningEndedError) as error:
             on_end(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error)), None)

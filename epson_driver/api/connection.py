@@ -22,7 +22,7 @@ from epson_driver.api.ownership import Process, close_soon, let_go, take_over
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
-from epson_driver.driver.delivery.statements import NO_PLANS, Load, Moves
+from epson_driver.driver.delivery.statements import NO_PLANS, Load, StatementDelivery
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.inhibit import Purpose
@@ -128,8 +128,8 @@ class Connection:
             await self._take_over(setup.configuration.address, timeout)
             trace = await self._open_trace()
             driver = setup.make_driver(self)
-            if driver.moves is not None:
-                driver.moves.load = self._load
+            if driver.statements is not None:
+                driver.statements.load = self._load
             if trace is not None:
                 driver.trace.begin(trace)
             self.driver, self._commands = driver, ArmCommands(driver)
@@ -355,7 +355,7 @@ class Connection:
         *,
         wait: bool,
         path: HeldPath | None = None,
-        move: Callable[[Moves], str] | None = None,
+        move: Callable[[StatementDelivery], str] | None = None,
     ) -> Motion:
         """Start a motion. With `wait`, wait until it ends, and stop it if cancelled.
 
@@ -366,10 +366,10 @@ class Connection:
         """
         driver = self.running
         sample, statement = driver.robot.sample, None
-        if driver.moves is not None:
+        if driver.statements is not None:
             if move is None:
                 raise not_begun(NO_PLANS.format(len(trajectory.times)))
-            statement = move(driver.moves)
+            statement = move(driver.statements)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
         motion = Motion(driver.goal_queue, self._setup.goal(trajectory, statement), plan, path)
@@ -386,8 +386,8 @@ class Connection:
                 'its program, or in RC+'
             )
         self._load = load
-        if self.driver is not None and self.driver.moves is not None:
-            self.driver.moves.load = load
+        if self.driver is not None and self.driver.statements is not None:
+            self.driver.statements.load = load
 
     def set_speed_scaling(self, factor: float) -> None:
         """Set the speed scaling of motions. Raises RobotError if the controller cannot follow."""

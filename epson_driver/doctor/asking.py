@@ -19,9 +19,7 @@ from epson_driver.error_texts import ErrorTexts
 from epson_driver.remote_ethernet.answers import (
     ask_control_device,
     ask_flags,
-    joints_in_si,
-    joints_of,
-    joints_question,
+    ask_positions,
 )
 from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
 from epson_driver.simple_message import (
@@ -205,8 +203,7 @@ async def ask_joints(
     Raises RemoteError, TimeoutError, ConnectionError.
     """
     async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:
-        *values, motors = joints_of(await ask(joints_question(len(units))), len(units))
-    return joints_in_si(values, units), bool(motors)
+        return await ask_positions(ask, units)
 
 
 async def ask_remote_port(

@@ -9,7 +9,7 @@ from functools import partial
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
 from epson_driver.driver.delivery.download import Download
-from epson_driver.driver.delivery.statements import Moves, StatementDelivery
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.delivery.streaming import FullStreaming, MotomanDelivery, Streaming
 from epson_driver.driver.io.io_client import Io, make_io
 from epson_driver.driver.stopping.motors import (
@@ -29,17 +29,13 @@ from epson_driver.simple_message import Dialect, Packet
 
 @dataclass(frozen=True)
 class Channel:
-    """The links, and the services that use them.
-
-    `moves` creates the statements of motions for a controller that takes no points, or is None.
-    """
+    """The links, and the services that use them."""
 
     state_link: Link
     motion_link: Link
     delivery: Delivery
     motors: SerializedMotors
     io: Io
-    moves: Moves | None = None
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -124,7 +120,6 @@ def make_channel(
             turns=turns,
             login=login,
         ),
-        delivery.moves if isinstance(delivery, StatementDelivery) else None,
     )
 
 

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from epson_driver.driver.channel import make_channel
 from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver
@@ -101,7 +102,9 @@ class Driver:
         )
         self.state_link, self.motion_link = state, motion = channel.state_link, channel.motion_link
         self.links, self.motors, self.io = channel.links, channel.motors, channel.io
-        self.moves = channel.moves
+        delivery = channel.delivery
+        self.statements = delivery if isinstance(delivery, StatementDelivery) else None
+        """Writes the statements of motions for a controller that takes no points."""
         self.trace = Trace(channel.all_links)
         rules, mapping = configuration.state_rules, configuration.joint_mapping
         self.robot = robot = RobotState(
@@ -112,7 +115,7 @@ class Driver:
         )
         beat = self.heartbeat.before_point
         self.stopper = stopper = Stopper(
-            channel.delivery, robot, changed, self.motors, self._on_alarm, self._on_rest, beat
+            delivery, robot, changed, self.motors, self._on_alarm, self._on_rest, beat
         )
         ask, end = self.why_not, self._on_broken_off
         self.goal_queue = goals = GoalQueue(

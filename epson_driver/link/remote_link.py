@@ -31,9 +31,7 @@ from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.link.connection import AnyFramer, Connection, ReceiveTimeout, silent
 from epson_driver.remote_ethernet.answers import (
     ask_flags,
-    joints_in_si,
-    joints_of,
-    joints_question,
+    ask_positions,
 )
 from epson_driver.remote_ethernet.client import (
     Ask,
@@ -147,7 +145,6 @@ class RemoteLink(Link):
         )
         self._unanswered = ReceiveTimeout(max(timeout, 2.0 * period))
         self._units = tuple(units)
-        self._question = joints_question(len(units))
         self._password = password
         self._period = period
         self._asked: list[_Question] = []
@@ -294,16 +291,15 @@ class RemoteLink(Link):
     async def _look(self) -> None:
         """Poll the state, and publish it."""
         self.flags, number = await ask_flags(self._ask_state)
-        flags = self.flags
-        told: list[float] | None = None
-        if self._motion is None and not _FORBID_EXECUTE.intersection(flags):
+        joints: tuple[float, ...] | None = None
+        powered: bool | None = None
+        if self._motion is None and not _FORBID_EXECUTE.intersection(self.flags):
             with contextlib.suppress(RemoteError):  # the next flags contain the reason
-                told = joints_of(await self._ask_state(self._question), len(self._units))
+                joints, powered = await ask_positions(self._ask_state, self._units)
         if self._motion is None:
-            self.joints_withheld = told is None
-        self._on_packet(topic(_status(flags, number, told, moving=self.moving)))
-        if told is not None:
-            joints = joints_in_si(told[:-1], self._units)
+            self.joints_withheld = joints is None
+        self._on_packet(topic(_status(self.flags, number, powered, moving=self.moving)))
+        if joints is not None:
             self._on_packet(topic(JointPosition(0, joint_data(joints))))
 
     def _execute(self, question: _Question) -> None:
@@ -351,16 +347,14 @@ class RemoteLink(Link):
         self._send_next()
 
 
-def _status(
-    flags: Sequence[str], number: int, told: Sequence[float] | None, *, moving: bool
-) -> Status:
+def _status(flags: Sequence[str], number: int, powered: bool | None, *, moving: bool) -> Status:
     """Return the STATUS for the flags of GetStatus, including the state of the motors.
 
     The motors' state is printed with the joints. Without joints, an E-stop means that they are
     off.
     """
     active = set(flags)
-    motors = TriState.UNKNOWN if told is None else TriState(bool(told[-1]))
+    motors = TriState.UNKNOWN if powered is None else TriState(powered)
     if 'EStop' in active:
         motors = TriState.FALSE
     rest = TriState.UNKNOWN if 'Running' in active else TriState.FALSE

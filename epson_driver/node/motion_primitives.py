@@ -16,11 +16,7 @@ from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSeq
 from geometry_msgs.msg import PoseStamped
 from rclpy.action.server import ServerGoalHandle
 
-from epson_driver.driver.delivery.statements import (
-    MOST_CHARACTERS,
-    Load,
-    Moves,
-)
+from epson_driver.driver.delivery.statements import MOST_CHARACTERS, Load, StatementDelivery
 from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
@@ -246,9 +242,9 @@ class MotionPrimitives:
 
     def set_payload(self, mass: float) -> bool:
         """Send a payload, kg, with each motion. Returns whether the controller supports it."""
-        if self._driver.moves is None:
+        if self._driver.statements is None:
             return False
-        self._driver.moves.load = Load(mass) if mass else None
+        self._driver.statements.load = Load(mass) if mass else None
         return True
 
     async def _prepare(
@@ -264,8 +260,10 @@ class MotionPrimitives:
         )
         planned = await self._bridge.in_loop(partial(self._plan, primitives, plan))
         statement = None
-        if (moves := self._driver.moves) is not None:
-            statement = sequence_statement(self.kinematics, self._tool, primitives, planned, moves)
+        if (written := self._driver.statements) is not None:
+            statement = sequence_statement(
+                self.kinematics, self._tool, primitives, planned, written
+            )
         goal = self._setup.goal(planned.trajectory, statement)
         on_feedback = partial(self._on_feedback, ros_handle, planned)
         return partial(GoalHandle, goal, on_feedback=on_feedback, plan=plan)
@@ -325,7 +323,7 @@ def sequence_statement(
     tool: Array,
     primitives: Sequence[Primitive],
     planned: PlannedSequence,
-    moves: Moves,
+    statements: StatementDelivery,
 ) -> str:
     """Return a planned sequence as statements for one `$Execute`, with a rest after each.
 
@@ -346,13 +344,13 @@ def sequence_statement(
             limits = arm.model.limits
             speed = _share(primitive.velocity, limits.velocity)
             ramp = _share(primitive.acceleration, limits.acceleration)
-            texts.append(moves.joints(positions[-1], speed, ramp))
+            texts.append(statements.joints(positions[-1], speed, ramp))
         else:
             usual = ToolLimits()
             speeds = ToolLimits(
                 primitive.velocity or usual.speed, primitive.acceleration or usual.acceleration
             )
-            texts.append(moves.path(arm, tool, positions, speeds, primitive.via))
+            texts.append(statements.path(arm, tool, positions, speeds, primitive.via))
         begin = end
     text = '; '.join(texts)
     if len(text) > MOST_CHARACTERS:

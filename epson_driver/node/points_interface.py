@@ -174,7 +174,7 @@ class PointsInterface:
         """Move to a point, as a goal of the queue. Raises GoalRejectedError."""
         plan = PlanningScope()
         start = await self._primitives.standing(plan)
-        arm, moves = self._primitives.kinematics, self._driver.moves
+        arm, statements = self._primitives.kinematics, self._driver.statements
         found = arm.inverse(arm.from_base(point.pose), start)
         if not len(found):
             raise GoalRejectedError(
@@ -182,7 +182,7 @@ class PointsInterface:
                 f'point {name}: no joint positions lead to it: it is out of reach',
             )
         trajectory, written = self._setup.joint_move(start, found[0], speed, ACCELERATION)
-        goal = self._setup.goal(trajectory, None if moves is None else written(moves))
+        goal = self._setup.goal(trajectory, None if statements is None else written(statements))
         ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
 
         def end(outcome: Outcome) -> None:

@@ -91,28 +91,24 @@ async def identity(ask: Ask, address: str) -> str:
     return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])
 
 
+_SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}
+"""Units of the replies, degree and mm."""
+
 _SHOWN_CHARACTERS = 60
 
 
-def joints_question(count: int) -> str:
-    """Return the command that prints joints and motors, without its `$`."""
-    angles = ', '.join(f'Agl({joint})' for joint in range(1, count + 1))
-    return f'Execute,"Print {angles}, Motor"'
+async def ask_positions(ask: Ask, units: Sequence[str]) -> tuple[tuple[float, ...], bool]:
+    """Return joint positions, in rad or m by `units`, and whether the motors are on.
 
-
-def joints_of(value: str, count: int) -> list[float]:
-    """Return the printed numbers: degrees and mm, then the motors. Raises ConnectionError."""
+    Raises ConnectionError for a reply that is not as many numbers.
+    """
+    angles = ', '.join(f'Agl({joint})' for joint in range(1, len(units) + 1))
+    command = f'Execute,"Print {angles}, Motor"'
+    value = await ask(command)
     try:
         numbers = [decimal(word) for word in value.strip('" ').split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count + 1:
+        positions = [n * _SI_UNITS[unit] for n, unit in zip(numbers[:-1], units, strict=True)]
+    except ValueError as error:
         shown = value[:_SHOWN_CHARACTERS]
-        raise ConnectionError(f"'{shown}' is no answer to {joints_question(count)}")
-    return numbers
-
-
-def joints_in_si(values: Sequence[float], units: Sequence[str]) -> tuple[float, ...]:
-    """Convert joint positions from degrees or mm to rad or m, by their units."""
-    scales = {'rad': radians(1.0), 'm': 1e-3}
-    return tuple(value * scales[unit] for value, unit in zip(values, units, strict=True))
+        raise ConnectionError(f"'{shown}' is no answer to {command}") from error
+    return tuple(positions), bool(numbers[-1])

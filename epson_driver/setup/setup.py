@@ -10,7 +10,7 @@ import numpy as np
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.delivery.statements import Moves, Statement, last_point
+from epson_driver.driver.delivery.statements import Statement, StatementDelivery, last_point
 from epson_driver.driver.driver import Driver, DriverEvents
 from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances, cause_timeout
 from epson_driver.driver.io.gripper_wiring import GripperWiring
@@ -93,7 +93,7 @@ class Setup:
 
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
-    ) -> tuple[Trajectory, Callable[[Moves], str]]:
+    ) -> tuple[Trajectory, Callable[[StatementDelivery], str]]:
         """Return the straight trajectory in joint space, and a function that writes its statement.
 
         start, target: shape (n,), rad (m). speed, acceleration: fractions of the limits, (0, 1].

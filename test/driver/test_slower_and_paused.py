@@ -16,7 +16,6 @@ from support.driver_harness import (
     JOINTS,
     LIMITS,
     Submitted,
-    options_of,
     pose,
     smooth_on_the_spot,
 )
@@ -25,7 +24,6 @@ from support.fault_play import cell_of, make_ready, standing, where
 from support.streams import sending, velocities
 
 from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
-from epson_driver.driver.goal.planned_speed import PlannedSpeed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.motion import Trajectory
@@ -403,7 +401,15 @@ async def test_random_pauses_end_in_one_success():
         ('remote', 'by Remote Ethernet alone'),
     ],
 )
-def test_pause_is_refused_where_the_controller_cannot_pause(name, reason):
-    rules = options_of(name)['delivery']
-    with pytest.raises(ValueError, match=f'factor = 0: {reason}'):
-        PlannedSpeed(rules, LIMITS).check_factor(0.0, None)
+async def test_refused_pause_states_its_reason_and_the_motion_continues(name, reason):
+    async with robot(name) as (harness, controller):
+        goals = harness.driver.goal_queue
+        with pytest.raises(ValueError, match=f'factor = 0: {reason}'):
+            goals.set_speed(0.0)
+        goal = submit(harness, one_point(2.0))
+        await until(lambda: controller.in_motion)
+        with pytest.raises(ValueError, match=f'factor = 0: {reason}'):
+            goals.set_speed(0.0)
+        assert goals.scaling.target == 1.0
+        outcome = await goal.end()
+        assert outcome.end is End.SUCCEEDED, outcome.text

@@ -4,10 +4,11 @@
 
 import asyncio
 
+import numpy as np
 import pytest
 from support.event_loop import PATIENCE, run, until
 
-from epson_driver.remote_ethernet.answers import joints_of
+from epson_driver.remote_ethernet.answers import ask_positions
 from epson_driver.remote_ethernet.client import GaveWayError, RemoteError, RemoteTurns, execute
 
 
@@ -160,7 +161,19 @@ async def test_cancelled_or_failed_dialogue_frees_the_port():
 @pytest.mark.parametrize(
     'motors', ['nan', 'inf', '1e999', '1_0', '١', '0x1', '', '1 2', '-', '1.0e']
 )
-def test_inv7_only_finite_ascii_numbers_are_joints_and_motors(motors):
-    assert joints_of('"-1.5 2e-3 1"', 2) == [-1.5, 0.002, 1.0]
+async def test_inv7_only_finite_ascii_numbers_are_joints_and_motors(motors):
+    async def printed(number):
+        return await ask_positions(replying(f'"-90 2e1 {number}"'), ['rad', 'm'])
+
+    assert await printed('1') == ((pytest.approx(-np.pi / 2), 0.02), True)
     with pytest.raises(ConnectionError, match='is no answer to'):
-        joints_of(f'"-1.5 2e-3 {motors}"', 2)
+        await printed(motors)
+
+
+def replying(value):
+    """Return a function with the same reply to each command."""
+
+    async def ask(_command):
+        return value
+
+    return ask

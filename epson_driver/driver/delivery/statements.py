@@ -85,19 +85,61 @@ class Load:
         )
 
 
-class Moves:
-    """Creates statements for joints within limits, in the controller's joint convention.
+def last_point(trajectory: Trajectory) -> Trajectory:
+    """Return the last point of a trajectory, because one statement reaches only one point."""
+    return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
 
-    Targets are joint positions, shape (n,), rad (m), in the ROS convention. They also define the
-    arm's configuration.
+
+class StatementDelivery(Delivery):
+    """Motions as statements. A trajectory is sent directly to its end as `Go`.
+
+    Only the power and the lowest speed in `rules` are used. Targets are joint positions, shape
+    (n,), rad (m), in the ROS convention. They also define the arm's configuration.
     """
 
-    def __init__(self, limits: JointLimits, mapping: JointMapping, power: str) -> None:
-        self._limits = limits
-        self._mapping = mapping
-        self._power = f'Power {power.capitalize()}'
+    no_streams = (
+        'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at '
+        'rest; send motions one by one, or load the controller program'
+    )
+
+    def __init__(
+        self, link: RemoteLink, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+    ) -> None:
+        super().__init__(link, limits, mapping, rules)
+        self._remote = link
         self.load: Load | None = None
         """Payload set with each motion. None: the controller's own setting."""
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
+        """Return a joint move to the last point, no faster than its time requires.
+
+        Earlier points may only be at the arm's position. Raises GoalRejectedError if one is not.
+        """
+        if np.any(np.abs(trajectory.positions[:-1] - start) > AT_START):
+            text = NO_PLANS.format(len(trajectory.times))
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
+        target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
+        needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
+        share = min(max(needed, self._rules.slowest), 1.0)
+        move = Statement(self.joints(target, share, share))
+        return PreparedTrajectory(last_point(trajectory), [move])
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError."""
+
+        def answered(value: str | Exception) -> None:
+            if isinstance(value, ConnectionError):
+                return  # the link reports its end
+            why = ''
+            if isinstance(value, RemoteError):
+                why = f'{value.meaning} (error {value.number})'
+            code = ReplyCode.FAILURE if why else ReplyCode.SUCCESS
+            on_reply(reply(StatementReply(why), code), self._remote.last_received)
+
+        if isinstance(message, Statement):
+            self._remote.move(message.text, answered)
+        else:
+            self._remote.abort(answered)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
         """Return a joint move. speed, acceleration: fractions of the controller's, (0, 1]."""
@@ -132,64 +174,13 @@ class Moves:
 
     @property
     def _settings(self) -> str:
-        return f'{"" if self.load is None else self.load.text}{self._power}'
+        power = f'Power {self._rules.power.capitalize()}'
+        return f'{"" if self.load is None else self.load.text}{power}'
 
     def _point(self, joints: Array) -> str:
         counted = self._mapping.positions_to_controller(joints)
         scales = [np.degrees(1.0) if unit == 'rad' else 1e3 for unit in self._limits.units]
         return f'JA({", ".join(f"{value:.5f}" for value in counted * scales)})'
-
-
-def last_point(trajectory: Trajectory) -> Trajectory:
-    """Return the last point of a trajectory, because one statement reaches only one point."""
-    return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
-
-
-class StatementDelivery(Delivery):
-    """A trajectory directly to its end as `Go`. Only the power in `rules` is used."""
-
-    no_streams = (
-        'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at '
-        'rest; send motions one by one, or load the controller program'
-    )
-
-    def __init__(
-        self, link: RemoteLink, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
-    ) -> None:
-        super().__init__(link, limits, mapping, rules)
-        self._remote = link
-        self.moves = Moves(limits, mapping, rules.power)
-
-    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a joint move to the last point, no faster than its time requires.
-
-        Earlier points may only be at the arm's position. Raises GoalRejectedError if one is not.
-        """
-        if np.any(np.abs(trajectory.positions[:-1] - start) > AT_START):
-            text = NO_PLANS.format(len(trajectory.times))
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
-        target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
-        needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
-        share = min(max(needed, self._rules.slowest), 1.0)
-        move = Statement(self.moves.joints(target, share, share))
-        return PreparedTrajectory(last_point(trajectory), [move])
-
-    def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError."""
-
-        def answered(value: str | Exception) -> None:
-            if isinstance(value, ConnectionError):
-                return  # the link reports its end
-            why = ''
-            if isinstance(value, RemoteError):
-                why = f'{value.meaning} (error {value.number})'
-            code = ReplyCode.FAILURE if why else ReplyCode.SUCCESS
-            on_reply(reply(StatementReply(why), code), self._remote.last_received)
-
-        if isinstance(message, Statement):
-            self._remote.move(message.text, answered)
-        else:
-            self._remote.abort(answered)
 
 
 def _percent(share: float) -> int:
