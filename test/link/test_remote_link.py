@@ -13,7 +13,14 @@ from support.remote_peer import HOME, READY, RemotePeer
 from epson_driver.link.connection import READ_SIZE_BYTES
 from epson_driver.link.remote_link import MAX_LINE_BYTES, LineFramer, RemoteLink
 from epson_driver.remote_ethernet.client import RemoteError
-from epson_driver.simple_message import FrameError, JointPosition, Status, TriState
+from epson_driver.simple_message import (
+    FrameError,
+    GetVersion,
+    JointPosition,
+    Ping,
+    Status,
+    TriState,
+)
 
 MOVE = 'Go JA(1, 0, 0, 0, 0, 0)'
 
@@ -124,6 +131,18 @@ async def test_inv3_unsent_motion_is_not_sent_after_a_stop():
         await until(lambda: there.received(JointPosition))
     assert isinstance(there.answers[0], RemoteError)
     assert not any('Go' in line for line in peer.lines)
+
+
+@pytest.mark.invariant(1)
+async def test_messages_for_a_motion_port_are_refused_and_not_sent():
+    async with RemotePeer() as peer, Linked(peer.port) as there:
+        await until(lambda: there.told_of(JointPosition))
+        with pytest.raises(ConnectionError, match='nothing for a remote port'):
+            there.link.post(GetVersion(), print)
+        with pytest.raises(ConnectionError, match='nothing for a remote port'):
+            there.link.tell(Ping())
+    assert not peer.given('Abort')
+    assert peer.connections == 1
 
 
 @pytest.mark.invariant(9)
