@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support.recorded_run import BEGAN, usual_run
+from support.recorded_run import START, usual_run
 
 from epson_driver.demo import picture
 from epson_driver.demo.picture import MAX_READS, Drawn, draw, recorded_run
@@ -196,7 +196,7 @@ def test_unfinished_trace_is_read_until_now(tmp_path, monkeypatch, until, reads)
         pauses.append(1)
         trace.write_bytes(whole[: len(whole) * len(pauses) // 3])
 
-    monkeypatch.setattr(picture.time, 'time_ns', lambda: round((BEGAN + until) * 1e9))
+    monkeypatch.setattr(picture.time, 'time_ns', lambda: round((START + until) * 1e9))
     monkeypatch.setattr(picture.time, 'sleep', write_on)
     run = recorded_run(trace, load_robot_model('c3_a601s'), 'smooth')
     assert len(pauses) == reads

@@ -320,7 +320,7 @@ def test_simulation_from_the_record_has_the_same_times(tmp_path, options):
 def test_interrupted_session_can_be_resumed(tmp_path):
     path = tmp_path / 'day.html'
     answers = iter(['s', 'q'])
-    said = []
+    output = []
 
     async def user(_sentence):
         return next(answers)
@@ -328,7 +328,7 @@ def test_interrupted_session_can_be_resumed(tmp_path):
     async def scenario(book):
         run = FirstRun(None, user, Findings(lambda finding: None))
         monkeyed = dataclasses.replace(run, question=NOBODY)
-        return await go_through(monkeyed, book, path, said.append)
+        return await go_through(monkeyed, book, path, output.append)
 
     book = Book({'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'})
     ended = []
@@ -342,16 +342,16 @@ def test_interrupted_session_can_be_resumed(tmp_path):
     assert [(name, each.state) for name, each in kept.entries.items()] == [('listen', SKIPPED)]
     kept.entries['listen'].state = DONE
     kept.save(path)
-    said.clear()
+    output.clear()
     answers = iter(['q'])
 
     async def again():
         run = FirstRun(NOBODY, user, Findings(lambda finding: None))
-        ended.append(await go_through(run, load(path), path, said.append))
+        ended.append(await go_through(run, load(path), path, output.append))
 
     run_loop(again(), 60.0)
-    assert said[0].startswith('listen: done')
-    assert said[1].startswith('pendant: ')
+    assert output[0].startswith('listen: done')
+    assert output[1].startswith('pendant: ')
 
 
 NOBODY = Question(

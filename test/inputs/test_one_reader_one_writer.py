@@ -96,5 +96,5 @@ def test_only_listed_calls_open_files() -> None:
         for path in PACKAGE.rglob('*.py')
         for call in raw(path.read_text('utf-8'))
     }
-    said = 'use read_file, open_file or write_file of inputs, or add a reason to ALLOWED'
-    assert found == ALLOWED.keys(), said
+    advice = 'use read_file, open_file or write_file of inputs, or add a reason to ALLOWED'
+    assert found == ALLOWED.keys(), advice

@@ -387,7 +387,7 @@ def test_inv9_worker_ends_although_the_waiter_was_canceled():
 
 
 def test_processes_are_signalled_before_waiting():
-    told = []
+    calls = []
 
     class Ending:
         returncode = None
@@ -396,13 +396,13 @@ def test_processes_are_signalled_before_waiting():
             self.name = name
 
         def send(self, number):
-            told.append((self.name, number))
+            calls.append((self.name, number))
 
         def ended(self):
-            told.append(self.name)
+            calls.append(self.name)
 
     processes.end_together([Ending('a'), Ending('b')])
-    assert told == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
+    assert calls == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
 
 
 def test_signal_is_deferred_while_a_process_starts():

@@ -58,9 +58,9 @@ def test_alias_loads_the_shared_profile(name):
 
 def test_old_name_of_the_simulation_is_a_deprecated_alias(caplog):
     assert load_controller_profile('RC620') == load_controller_profile('simulated')
-    (said,) = caplog.messages
-    assert said.startswith('rc620 is the old name of the profile simulated')
-    assert 'spel' in said
+    (message,) = caplog.messages
+    assert message.startswith('rc620 is the old name of the profile simulated')
+    assert 'spel' in message
 
 
 def test_simulated_rates_equal_those_of_the_thesis():

@@ -49,9 +49,9 @@ rosbag2_bagfile_information:
 def zeros(make: Callable[[], object], size: int = SIZE) -> bytes:
     """Return `size` zeros, compressed."""
     compressor = make()
-    begun = compressor.begin() if hasattr(compressor, 'begin') else b''
+    head_bytes = compressor.begin() if hasattr(compressor, 'begin') else b''
     parts = [compressor.compress(bytes(2**20)) for _ in range(size // 2**20)]
-    return b''.join([begun, *parts, compressor.flush()])
+    return b''.join([head_bytes, *parts, compressor.flush()])
 
 
 def record(kind: int, content: bytes) -> bytes:
@@ -62,9 +62,9 @@ def text(of: str) -> bytes:
     return struct.pack('<I', len(of)) + of.encode()
 
 
-def mcap(compression: str, data: bytes, said: int = SIZE) -> bytes:
+def mcap(compression: str, data: bytes, size_in_header: int = SIZE) -> bytes:
     """Return a file with one chunk, whose header states a size."""
-    head = struct.pack('<QQQI', 0, 2**62, said, 0) + text(compression)
+    head = struct.pack('<QQQI', 0, 2**62, size_in_header, 0) + text(compression)
     chunk = record(6, head + struct.pack('<Q', len(data)) + data)
     start = MAGIC + record(1, text('ros2') + text(''))
     return start + chunk + record(2, bytes(20)) + MAGIC
@@ -181,10 +181,10 @@ def test_inv7_expanding_bag_is_refused_within_little_memory(
     environment = os.environ | {'TMPDIR': str(tmp_path)}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert not run.stderr
-    used, _, said = run.stdout.rstrip('\n').partition('\n')
+    used, _, error = run.stdout.rstrip('\n').partition('\n')
     assert int(used) < USUAL_BYTES + GROWTH * min(sum(before.values()), SIZE // 200)
-    assert said.startswith(str(path))
-    assert said.isprintable()
-    assert len(said) < 500
-    assert 'Recursion' not in said
+    assert error.startswith(str(path))
+    assert error.isprintable()
+    assert len(error) < 500
+    assert 'Recursion' not in error
     assert {each: each.stat().st_size for each in tmp_path.rglob('*')} == before

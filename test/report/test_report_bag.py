@@ -107,7 +107,9 @@ def test_bursts_in_a_bag_do_not_change_accelerations(tmp_path):
         time = 0.01 + slot * 0.005
         burst = 0.01 + (slot // 30 * 30 + 29) * 0.005 + slot % 30 * 1e-5
         arrived = burst if 300 <= slot < 420 else time
-        recorder.says(arrived, 11002, JointPosition(0, joint_data(position(time).tolist())))
+        recorder.controller_sends(
+            arrived, 11002, JointPosition(0, joint_data(position(time).tolist()))
+        )
     trace = read_trace(recorder.write(tmp_path / 'run.pcap'), LIMITS, TEXTS)
     write_bag(trace, figures(trace), tmp_path / 'bag')
     ours, theirs = figures(trace), figures(read_bag(tmp_path / 'bag', TEXTS))

@@ -334,7 +334,7 @@ def test_uvw_rotate_about_z_then_y_then_x() -> None:
 
 
 @pytest.mark.parametrize('name', ['c8_c901s', 'cx4_a601s', 'cx7_a701s', 'n2_a450s'])
-def test_ceiling_arm_mirrors_the_standing_arm(name):
+def test_ceiling_arm_has_the_sides_of_the_standing_arm(name):
     standing, hanging = (load_robot_model(each) for each in (name, f'{name}r'))
     limits = standing.limits
     for joints in np.random.default_rng(3).uniform(

@@ -64,7 +64,7 @@ def test_options_of_the_page_exist(command: str) -> None:
             assert f'\n{words[1]}:' in (ROOT / 'Makefile').read_text(encoding='utf-8')
 
 
-def test_models_of_the_page_have_plausible_units() -> None:
+def test_all_models_have_plausible_units() -> None:
     """A limit in degrees instead of rad would be far from that of any EPSON arm."""
     for name in robot_models():
         limits = load_robot_model(name).limits

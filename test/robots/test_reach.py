@@ -21,9 +21,7 @@ def test_reach_is_a_tight_upper_bound(name: str) -> None:
     random = np.random.default_rng(0)
     bends = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi])
     most = np.zeros(len(types))
-    for number in range(
-        600
-    ):  # every second pose has right angles only, because extremes are there
+    for number in range(600):  # every second pose has right angles only, where extremes are
         angles = random.uniform(-np.pi, np.pi, len(types))
         if number % 2:
             angles = random.choice(bends, len(types))

@@ -525,7 +525,7 @@ def test_unsimulated_word_is_an_error_unless_stubbed(name: str) -> None:
     assert answered.failures == []
 
 
-def test_wait_condition_accepts_only_supported_functions() -> None:
+def test_wait_conditions_can_combine_bits_and_variables() -> None:
     host = ScriptedHost()
     source = """
     Global Integer g_n
@@ -580,7 +580,7 @@ def test_pallet_positions_are_interpolated() -> None:
         run('Function main\nPallet 1, P1, P2, 3, 4\nFend')
 
 
-def test_terminal_text_has_its_task() -> None:
+def test_print_formats_strings_numbers_and_booleans() -> None:
     assert printed('Print "a"; Print 1, 2.5, 1 / 3') == ['a', '1 2.5 0.333333333333333']
     assert value('True') == '-1'
 

@@ -172,7 +172,7 @@ def test_named_task_is_not_treated_as_called() -> None:
     ],
     ids=['Quit All ends this task', 'Print # waits for its port'],
 )
-def test_statement_that_waits_or_ends_the_task_breaks_a_loop(source: str) -> None:
+def test_statement_that_waits_or_ends_the_task_has_no_warning(source: str) -> None:
     assert found(source) == []
 
 

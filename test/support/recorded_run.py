@@ -24,7 +24,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
-BEGAN = 1_790_000_000
+START = 1_790_000_000
 """Start of all runs, s since 1970."""
 
 PERIOD = 0.005
@@ -37,7 +37,7 @@ MOVING = Status(1, 0, 0, 0, 1, 2, 1)
 
 
 class Recorder:
-    """Writes a trace, message by message. Times are in s since BEGAN."""
+    """Writes a trace, message by message. Times are in s since START."""
 
     def __init__(self, controller: str = '10.0.0.2') -> None:
         self._file = io.BytesIO()
@@ -54,16 +54,18 @@ class Recorder:
             nanoseconds(time),
         )
 
-    def says(self, time: float, port: int, message: Message, *, answers: bool = False) -> None:
+    def controller_sends(
+        self, time: float, port: int, message: Message, *, answers: bool = False
+    ) -> None:
         """Record a message of the controller, as a topic or as a reply."""
         packet = reply(message, ReplyCode.SUCCESS) if answers else topic(message)
         self.raw(time, port, encode(packet, LITTLE_ENDIAN))
 
-    def refuses(self, time: float, port: int, message: Message) -> None:
+    def controller_refuses(self, time: float, port: int, message: Message) -> None:
         """Record a reply with FAILURE."""
         self.raw(time, port, encode(reply(message, ReplyCode.FAILURE), LITTLE_ENDIAN))
 
-    def asks(self, time: float, port: int, message: Message) -> None:
+    def driver_sends(self, time: float, port: int, message: Message) -> None:
         """Record a request of the driver."""
         self.raw(time, port, encode(request(message), LITTLE_ENDIAN), from_client=True)
 
@@ -87,7 +89,7 @@ class Recorder:
 
 def nanoseconds(time: float) -> int:
     """Return ns since 1970."""
-    return (BEGAN * 1_000_000 + round(time * 1e6)) * 1000
+    return (START * 1_000_000 + round(time * 1e6)) * 1000
 
 
 def position(time: float) -> np.ndarray:
@@ -108,22 +110,27 @@ def usual_run(seconds: float = 4.0, *, estop: float | None = None) -> Recorder:
             status = MOVING if SENT + DEAD_TIME < time < SENT + DEAD_TIME + MOVED else READY
             if estop is not None and time >= estop:
                 status = Status(0, 1, 2313, 1, 0, 2, 0)
-            entries.append((time, lambda t, s=status: recorder.says(t, 11002, s)))
+            entries.append((time, lambda t, s=status: recorder.controller_sends(t, 11002, s)))
         else:
             held = time if estop is None else min(time, estop)
             joints = JointPosition(0, joint_data(position(held).tolist()))
-            entries.append((time, lambda t, j=joints: recorder.says(t, 11002, j)))
+            entries.append((time, lambda t, j=joints: recorder.controller_sends(t, 11002, j)))
     for number, point in enumerate(POINTS):
         at = SENT + 0.02 * number
         sent = JointTrajPt(number, joint_data(point.tolist()), 0.5, 1.0 if number else 0.001)
         answer = JointPosition(number)
-        entries.append((at, lambda t, m=sent: recorder.asks(t, 11000, m)))
-        entries.append((at + 0.004, lambda t, m=answer: recorder.says(t, 11000, m, answers=True)))
+        entries.append((at, lambda t, m=sent: recorder.driver_sends(t, 11000, m)))
+        entries.append(
+            (at + 0.004, lambda t, m=answer: recorder.controller_sends(t, 11000, m, answers=True))
+        )
     if estop is not None:
         stop = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
-        entries.append((estop + 0.06, lambda t: recorder.asks(t, 11000, stop)))
+        entries.append((estop + 0.06, lambda t: recorder.driver_sends(t, 11000, stop)))
         entries.append(
-            (estop + 0.07, lambda t: recorder.says(t, 11000, JointPosition(), answers=True))
+            (
+                estop + 0.07,
+                lambda t: recorder.controller_sends(t, 11000, JointPosition(), answers=True),
+            )
         )
     for time, record in sorted(entries, key=lambda entry: entry[0]):
         record(time)

@@ -43,13 +43,13 @@ CAPTURE = recording()
 
 def read_or_refused(path: Path) -> bool:
     """Return whether the messages in a file could be read."""
-    said = ''
+    error_text = ''
     try:
         messages_of(read_recording(path))
     except (PcapError, MessagesError, InputError) as error:
-        said = str(error)
-    assert said.isprintable()
-    return not said
+        error_text = str(error)
+    assert error_text.isprintable()
+    return not error_text
 
 
 def test_valid_recording_is_read(tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ def test_wireshark_reports_no_errors(fault, tmp_path):
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     for number in range(40):
-        recorder.says(0.1 * number, 11002, Status())
+        recorder.controller_sends(0.1 * number, 11002, Status())
     recorder.lose(5.0, 11002)
     path = recorder.write(tmp_path / 'run.pcap')
     checks = ['-o', 'tcp.check_checksum:TRUE', '-o', 'ip.check_checksum:TRUE']

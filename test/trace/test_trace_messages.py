@@ -115,5 +115,5 @@ def test_two_ports_with_equal_roles_are_refused():
     ]
     with pytest.raises(MessagesError) as refused:
         messages_of([*steps, *second])
-    said = 'two ports of the same kind are in it: 11000 (motion), 11002 (state), 50000 (state)'
-    assert str(refused.value) == said
+    message = 'two ports of the same kind are in it: 11000 (motion), 11002 (state), 50000 (state)'
+    assert str(refused.value) == message
