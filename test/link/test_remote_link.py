@@ -134,9 +134,9 @@ async def test_inv3_unsent_motion_is_not_sent_after_a_stop():
 
 
 @pytest.mark.invariant(1)
-async def test_messages_for_a_motion_port_are_refused_and_not_sent():
+async def test_inv1_messages_for_a_motion_port_are_refused_and_not_sent():
     async with RemotePeer() as peer, Linked(peer.port) as there:
-        await until(lambda: there.told_of(JointPosition))
+        await until(lambda: there.received(JointPosition))
         with pytest.raises(ConnectionError, match='nothing for a remote port'):
             there.link.post(GetVersion(), print)
         with pytest.raises(ConnectionError, match='nothing for a remote port'):
