@@ -251,5 +251,5 @@ def _of(
     """Call a method of a robot and return its result. Raises RobotError if the robot was lost."""
     method = taught()
     if method is None:
-        raise RobotError('the robot of these points was lost')
+        raise RobotError('the robot of these points no longer exists')
     return method()

@@ -54,7 +54,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
         text = self._texts.get(number)
         if text is None or number == NO_ERROR:
             return str(number)
-        doubt = '' if text.confirmed else '; not confirmed'
+        doubt = '' if text.confirmed else ', not confirmed'
         return f'{number} ({text.meaning}{doubt})'
 
     def advice(self, number: int, otherwise: str) -> str:
@@ -87,7 +87,7 @@ def read_error_texts(path: Path) -> ErrorTexts:
     for index, row in enumerate(rows):
         number, text = _row(f'{file}: errors[{index}]', row)
         if number in texts:
-            raise InputError(f'{file}: number {number} is there twice')
+            raise InputError(f'{file}: number {number} occurs twice')
         texts[number] = text
     return ErrorTexts(texts)
 

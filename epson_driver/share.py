@@ -27,7 +27,7 @@ def share_file(*parts: str) -> Path:
     there = {path.name: path for path in _files(folder) if path.suffix == suffix or not suffix}
     if name not in there:  # a name may be anything: too long, or with a slash or a NUL
         names = ', '.join(sorted(path.stem for path in there.values())) or 'nothing'
-        raise FileNotFoundError(f'no {_one_line(name)} in {folder} (there is: {names})')
+        raise FileNotFoundError(f'no {_one_line(name)} in {folder} (available: {names})')
     return there[name]
 
 

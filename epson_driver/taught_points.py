@@ -112,16 +112,16 @@ def posture(model: RobotModel, joints: Array) -> Posture:
     if not low <= joints[0] <= high:
         raise ValueError(
             f'joint 1 is outside {degrees(low):.0f} … {degrees(high):.0f} degrees, where its flag '
-            'is not known here'
+            'is unknown'
         )
     if model.kind == SCARA:
         return {'nHand': 1 if joints[1] >= 0.0 else 2, 'nElbow': 1, 'nWrist': 1}
     if model.name.startswith('n'):
-        raise ValueError('the flags of an N series are not known here')
+        raise ValueError('the flags of an N series are unknown')
     try:
         parameters = opw_parameters(model)
     except KinematicsError as error:
-        raise ValueError('the flags of this kind of arm are not known here') from error
+        raise ValueError('the flags of this kind of arm are unknown') from error
     a1, a2, _, _, c2, c3, _ = parameters.lengths.values()
     _, second, third, _, fifth, _ = (
         sign * value - offset
@@ -131,9 +131,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
     )
     turn = third + atan2(a2, c3)
     if a1 + c2 * sin(second) + hypot(a2, c3) * sin(second + turn) < 0.0:
-        raise ValueError(
-            'the arm reaches over its shoulder, and its flags then are not known here'
-        )
+        raise ValueError('the arm reaches over its shoulder, for which its flags are unknown')
     return {
         'nHand': 1,
         'nElbow': 1 if sin(turn) >= 0.0 else 2,
@@ -202,7 +200,7 @@ class TaughtPoints:
         if held is None:
             raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
         if held.point is None or held.why:
-            raise InputError(f'point {name} {held.why or "has no place yet: teach it"}')
+            raise InputError(f'point {name} {held.why or "is not taught yet"}')
         return held.point
 
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
@@ -334,7 +332,7 @@ def _block(number: int, held: _Held) -> Block:
         return old
     placed = old is not None and not int(old.number('nUndefined')) & _NO_PLACE
     if known is None and not placed:
-        known = 'a .pts file has the posture of the arm, which is known where it was taught'
+        known = 'a .pts file needs the posture of the arm, which is known only when taught'
     if isinstance(known, str):
         raise InputError(f'point {held.name}: {known}: save a .yaml file, or teach it in RC+')
     if len(held.name) > MOST_LABEL_CHARACTERS:
@@ -383,10 +381,10 @@ def _from_pts(file: Path) -> _Read:
         label = block.text('sLabel')
         name = label if _NAME.fullmatch(label) else f'P{number}'
         if name.lower() in points:
-            raise InputError(f'{printable(file)}: two points are called {name}')
+            raise InputError(f'{printable(file)}: two points have the name {name}')
         place = None if int(block.number('nUndefined')) & _NO_PLACE else _place(block)
         local = int(block.number('nLocal'))
-        why = f'is in local {local} of the controller, which is not known here' if local else ''
+        why = f'is in local {local} of the controller, which is unknown' if local else ''
         points[name.lower()] = _Held(name, place, number, block, why=why)
     return points, (content, top)
 
@@ -399,9 +397,7 @@ def _from_yaml(file: Path) -> _Read:
     points: dict[str, _Held] = {}
     for name, values in data.items():
         if not _NAME.fullmatch(name) or name.lower() in points:
-            raise InputError(
-                f'{printable(file)}: {shown(name)} is no name for a point, or is twice'
-            )
+            raise InputError(f'{printable(file)}: {shown(name)} must be a unique name of a point')
         if not isinstance(values, dict) or not {'x', 'y', 'z'} <= set(values) <= set('xyzuvw'):
             raise InputError(f'{printable(file)}: {name}: must have x, y, z, and may have u, v, w')
         try:
@@ -421,7 +417,7 @@ _READERS: dict[str, Callable[[Path], _Read]] = {
 def _yaml_line(held: _Held) -> str:
     """Return a line for a point. Raises InputError for a point without a name or position."""
     if held.point is None or held.why or not _NAME.fullmatch(held.name):
-        why = held.why or ('has no label' if held.point else 'has no place yet')
+        why = held.why or ('has no label' if held.point else 'is not taught yet')
         raise InputError(f'point {held.name} {why}: it cannot be saved as .yaml')
     point = held.point
     values = ', '.join(f'{axis}: {float(getattr(point, axis))!r}' for axis in 'xyzuvw')

@@ -100,7 +100,7 @@ def _written(values: Array | None, index: int) -> str:
 
 def _held(block: Any, key: str, where: str) -> Any:
     if not isinstance(block, dict):
-        raise InputError(f'{where} = {shown(block)}: must be a mapping, as of a JointTrajectory')
+        raise InputError(f'{where} = {shown(block)}: must be a mapping like a JointTrajectory')
     if key not in block:
         raise InputError(f'{where}: {key} is missing')
     return block[key]

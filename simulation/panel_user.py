@@ -162,7 +162,7 @@ class PlayedRobot:
 
     def _serve(self, what: str) -> None:
         if self._world.gate is None:
-            raise RequestError(f'nobody serves {what}')
+            raise RequestError(f'no server for {what}')
 
     @property
     def _intended(self) -> bool:

@@ -154,7 +154,7 @@ def test_error_numbers_are_in_order():
 def test_phrase_has_number_meaning_and_doubt():
     texts = ErrorTexts({1: ErrorText('it broke', 'mend it'), 2: ErrorText('it sank', '', False)})
     assert texts.phrase(1) == '1 (it broke)'
-    assert texts.phrase(2) == '2 (it sank; not confirmed)'
+    assert texts.phrase(2) == '2 (it sank, not confirmed)'
     assert texts.phrase(3) == '3'
     assert EPSON.phrase(0) == '0'  # an error without a number
     assert texts.advice(1, 'look') == 'mend it'
@@ -181,7 +181,7 @@ def test_missing_table_is_an_error(name):
         ('errors: {}', 'errors must be a list'),
         ('errors: [1]', r'errors\[0\] = 1: must have number, meaning'),
         ('errors: [{number: 1}]', r'errors\[0\]'),
-        (f'errors: [{{{GOOD}}}, {{{GOOD}}}]', 'number 1 is there twice'),
+        (f'errors: [{{{GOOD}}}, {{{GOOD}}}]', 'number 1 occurs twice'),
         (f'errors: [{{{GOOD.replace("1", "x")}}}]', r"errors\[0\].number = 'x': must be int"),
         (f'errors: [{{{GOOD.replace("true", "1")}}}]', r'errors\[0\].confirmed = 1: must be bool'),
     ],

@@ -166,8 +166,8 @@ class Arm(Unique):
         found = arm.inverse(wanted, near)
         if not len(found):
             place = ', '.join(f'{1e3 * value:.1f}' for value in wanted[:3, 3])
-            why = arm.why_unreachable(wanted) or 'it is out of reach'
-            raise PathError(f'{field}: no joint positions lead to ({place}) mm: {why}')
+            why = arm.why_unreachable(wanted) or 'out of reach'
+            raise PathError(f'{field}: no joint positions for ({place}) mm: {why}')
         return np.asarray(found[0])
 
     @property
@@ -212,7 +212,7 @@ class Arm(Unique):
                 while not condition(sample := await self.measured(self.sample)):
                     await self._connection.next_joints()
         except TimeoutError as error:
-            raise TimeoutError(f'the condition did not hold within {timeout:g} s') from error
+            raise TimeoutError(f'condition not met within {timeout:g} s') from error
         return sample
 
 

@@ -84,7 +84,7 @@ class Connection:
     def status(self) -> RobotStatus:
         """State of arm and controller. Raises RobotError before `connect`."""
         if self.driver is None:
-            raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
+            raise RobotError(f'no connection ({self._link_reason}): call connect()')
         return robot_status(self.driver, self.loop.time(), self._link_reason)
 
     @property
@@ -116,7 +116,7 @@ class Connection:
         if self._stranded:
             self.task = None
         if self.task is not None:
-            raise RobotError('the robot is connected already')
+            raise RobotError('the robot is already connected')
         self.loop = asyncio.get_running_loop()
         self._lost = False
         setup = self._setup
@@ -161,7 +161,7 @@ class Connection:
                 task.cancel()
                 ended = await asyncio.gather(task, return_exceptions=True)
                 if isinstance(ended[0], Exception):
-                    _log.error('the driver had failed: %s', ended[0])
+                    _log.error('the driver failed: %s', ended[0])
         finally:
             if task is not None:
                 task.cancel()
@@ -183,7 +183,7 @@ class Connection:
             return
         self._lost = True
         if not self.task.done():
-            _log.warning('a connected Robot was lost: the arm is stopped, and the links closed')
+            _log.warning('a connected Robot was deleted: stopping the arm and closing the links')
         await self.close()
 
     @property
@@ -209,9 +209,7 @@ class Connection:
             async with asyncio.timeout(timeout):
                 await take_over(address, self)
         except TimeoutError as error:
-            raise RobotError(
-                'another Robot of this program is connected and does not let go: close() it'
-            ) from error
+            raise RobotError('another Robot of this program is connected: close() it') from error
 
     async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
         """Wait until nothing is missing and the links are stable.
@@ -235,7 +233,7 @@ class Connection:
             lasted = f'the links have to last for {LOOKS * LOOK_PERIOD_S:g} s'
             missing = self._missing(driver) or [lasted]
             if away := [link for link in links if _count(link) >= MAX_SHORT]:
-                missing = [f'the controller closes the {_named(away)} at once: {TURNED_AWAY}']
+                missing = [f'the controller closes the {_named(away)} immediately: {TURNED_AWAY}']
             raise RobotError(f'not ready within {timeout:g} s: {"; ".join(missing)}') from error
 
     def _missing(self, driver: Driver) -> list[str]:
@@ -253,7 +251,7 @@ class Connection:
         now = asyncio.get_running_loop().time()
         why = None if driver.robot.withheld else driver.robot.why_not_ready(now)
         if why is not None:
-            missing.append(f'{why}: is the state server of the controller running?')
+            missing.append(f'{why}: check that the state server of the controller is running')
         if driver.robot.status is None:
             missing.append('the controller sends no STATUS')
         return missing
@@ -264,12 +262,12 @@ class Connection:
         try:
             _log.info('leaving: %s', await commands.stop())
         except CommandError as error:
-            _log.error('leaving, but %s', error)
+            _log.error('at exit: %s', error)
 
     def _connected(self) -> tuple[Driver, ArmCommands]:
         self._process.check()
         if self.task is None or self.driver is None or self._commands is None:
-            raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
+            raise RobotError(f'no connection ({self._link_reason}): call connect()')
         self._check_loop()
         if self.task.done():
             failure = None if self.task.cancelled() else self.task.exception()
@@ -310,7 +308,7 @@ class Connection:
         driver = self.running
         now = asyncio.get_running_loop().time() if self._moment is None else self._moment
         if (why := driver.robot.why_not_ready(now)) is not None:
-            raise RobotError(f'nobody knows where the arm is: {why}')
+            raise RobotError(f'joint position unknown: {why}')
         assert driver.robot.sample is not None  # noqa: S101 - for the type checker
         return driver.robot.sample
 
@@ -382,7 +380,7 @@ class Connection:
         """Set the payload for each motion. Raises RobotError if the controller cannot take it."""
         if not self._setup.configuration.statements:
             raise RobotError(
-                'this kind of controller takes no payload from here: set Weight and Inertia in '
+                'this kind of controller accepts no payload: set Weight and Inertia in '
                 'its program, or in RC+'
             )
         self._load = load

@@ -29,7 +29,7 @@ def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | Non
 def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
     """Return the state of a driver at loop time `now`, s. `link_reason`: why a link is down."""
     status = driver.robot.status or Status()
-    text = 'the arm moves' if driver.goal_queue.busy else 'the arm is enabled'
+    text = 'the arm is moving' if driver.goal_queue.busy else 'the arm is enabled'
     remedy = ''
     held = driver.goal_queue.scaling.target == 0.0
     if held:

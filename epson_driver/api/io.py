@@ -98,7 +98,9 @@ class Gripper(Unique):
     def _known(self) -> 'DrivenGripper':
         gripper = self._gripper()
         if gripper is None:
-            raise RobotError('no gripper is known: Robot(..., settings=Settings(gripper=...))')
+            raise RobotError(
+                'no gripper is configured: Robot(..., settings=Settings(gripper=...))'
+            )
         return gripper
 
 

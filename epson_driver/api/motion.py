@@ -63,7 +63,7 @@ class Motion(Unique):
     def __del__(self) -> None:
         outcome = getattr(self, '_outcome', None)
         if outcome is not None and outcome.end is End.ABORTED and not self._told:
-            _log.warning('a motion that nobody waited for was aborted: %s', self.text)
+            _log.warning('a motion was aborted: %s', self.text)
 
     @property
     def done(self) -> bool:

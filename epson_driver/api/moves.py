@@ -168,7 +168,7 @@ def path_points(
         if point.blend is not None:
             _BLEND.checked(point.blend, f'{name}.blend')
             if index == last and point.blend > 0.0:
-                raise ValueError(f'{name}.blend = {point.blend:g} m: nothing follows the last one')
+                raise ValueError(f'{name}.blend = {point.blend:g} m: must be 0 for the last point')
         radius = blend if point.blend is None else point.blend
         its_frame = frame if point.frame is None else point.frame
         pose = frames.target(name, point.pose, its_frame)

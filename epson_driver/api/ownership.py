@@ -30,7 +30,9 @@ class Unique:
 
     def __reduce__(self) -> NoReturn:
         kind = type(self).__name__
-        raise TypeError(f'a {kind} cannot be copied or pickled: there is one arm; make another')
+        raise TypeError(
+            f'a {kind} cannot be copied or pickled, because there is one arm: create another'
+        )
 
 
 class Process:
@@ -48,7 +50,7 @@ class Process:
         """Raise RobotError in a child process that was forked after the object's creation."""
         if self.forked:
             raise RobotError(
-                'this Robot belongs to the process from which this one was forked: make one here'
+                'this Robot belongs to the parent process: create another one after the fork'
             )
 
 
@@ -77,7 +79,7 @@ async def take_over(address: Address, owner: Owned) -> None:
         before, _owners[address] = _owners.get(address), owner
     if before is None or before is owner or before.loop.is_closed():
         return
-    _log.warning('%s:%d: another Robot of this program was connected, and is closed', *address)
+    _log.warning('%s:%d: closing another connected Robot of this program', *address)
     if before.loop is asyncio.get_running_loop():
         await before.close()
     elif before.loop.is_running():
@@ -119,7 +121,7 @@ def _close_all() -> None:
             try:
                 closing.result(CLOSE_TIMEOUT_S)
             except Exception:  # noqa: BLE001 - the others are closed all the same
-                _log.exception('%s:%d was not closed as it should be', host, port)
+                _log.exception('%s:%d was not closed properly', host, port)
 
 
 def _forget() -> None:

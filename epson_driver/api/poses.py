@@ -112,7 +112,7 @@ class Frames:
         if not isinstance(name, str) or not name:
             raise ValueError(f'name = {name!r}: must be a word')
         if name in (BASE_LINK, BASE, TOOL):
-            raise ValueError(f'name = {name!r}: that frame is always there; take another name')
+            raise ValueError(f'name = {name!r}: this frame is built in, use another name')
         checked = checked_pose('pose', pose)
         self._poses[name] = self._pose_of(_usual(parent, pose), 'parent', []) @ checked
 
@@ -152,8 +152,8 @@ class Frames:
         away = float(np.linalg.norm(pose[:3, 3]))
         if away > MM_SUSPICION * self._reach:
             raise ValueError(
-                f'{field}: {away:.4g} m away, and the arm reaches {self._reach:.4g} m: places are '
-                'in m (in mm only those of an EpsonPoint)'
+                f'{field}: {away:.4g} m away, but the arm reaches {self._reach:.4g} m: '
+                'positions are in m (in mm only in an EpsonPoint)'
             )
 
 
@@ -183,7 +183,9 @@ def checked_pose(field: str, values: Pose) -> Array:
         or np.linalg.det(turn) < 0.0
         or np.abs(array[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9
     ):
-        raise ValueError(f'{field}: must be a rotation and a place, with 0 0 0 1 in its last row')
+        raise ValueError(
+            f'{field}: must be a rotation and a position, with 0 0 0 1 in its last row'
+        )
     left, _, right = np.linalg.svd(turn)
     return homogeneous(left @ right, array[:3, 3])
 

@@ -83,7 +83,7 @@ class Recording(Unique):
         self.stop()
         self._check_any()
         recorded = Trajectory(self.joint_names, self.times, self.positions)
-        write_trajectory(Path(path), recorded, 'joints as they were measured')
+        write_trajectory(Path(path), recorded, 'measured joints')
 
     @classmethod
     @checked_arguments
@@ -115,7 +115,7 @@ class Recording(Unique):
             where = int(gaps.argmax() if gaps.max() > MAX_GAP_S else gaps.argmin())
             raise ValueError(
                 f'the recording has {gaps[where]:.3g} s between two samples, {times[where]:.3g} s '
-                f'from its begin: must be at most {MAX_GAP_S:g} s'
+                f'from its start: must be at most {MAX_GAP_S:g} s'
             )
         near = np.array([NEAR[unit] for unit in limits.units])
         velocities = _slopes(times, positions)
@@ -136,7 +136,7 @@ class Recording(Unique):
 
     def _check_any(self) -> None:
         if not self._rows:
-            raise RobotError('the recording is empty: no joints came while it was made')
+            raise RobotError('the recording is empty: no joints received during it')
 
     def _take(self, sample: 'JointSample') -> None:
         if not self._rows:

@@ -81,7 +81,7 @@ class Streams(Arm):
             wanted = self._frames.target('pose', pose, frame).seen_from(arm.forward(near))
             found = arm.inverse(wanted, near)
             if not len(found):
-                why = arm.why_unreachable(wanted) or 'it is out of reach'
+                why = arm.why_unreachable(wanted) or 'out of reach'
                 raise PathError(f'pose: {why}')
             jump = np.abs(found[0] - near)
             if jump.max() > MAX_JUMP_RAD:
@@ -131,7 +131,7 @@ class Streams(Arm):
         while servo.occupation() is not None:
             await self._connection.next_joints()
             servo = self._connection.running.servo
-        return 'no stream is followed, and the arm stands'
+        return 'no stream is followed, and the arm is at rest'
 
     @contextmanager
     def _heard(self) -> Iterator['Servo']:
@@ -173,6 +173,6 @@ def _check_possible(velocities: Array, limits: JointLimits) -> None:
         joint = int(wrong[0])
         unit = limits.units[joint]
         raise ValueError(
-            f'velocities: {limits.names[joint]} = {velocities[joint]:.6g} {unit}/s is beyond what '
-            f'the joint can do, {limits.velocity[joint]:.6g} {unit}/s'
+            f'velocities: {limits.names[joint]} = {velocities[joint]:.6g} {unit}/s is above '
+            f'the joint limit, {limits.velocity[joint]:.6g} {unit}/s'
         )

@@ -82,7 +82,7 @@ class LoopThread:
         task = tasks.pop()
         try:
             if task.cancelled():
-                raise RobotError('the robot was closed meanwhile')
+                raise RobotError('the robot was closed')
             return task.result()
         finally:
             del task  # its error refers to this frame, and the frame keeps the robot alive
@@ -186,7 +186,7 @@ class Session:
         """Start the event loop and connect in it. Raises RobotError, also if already open."""
         if self._thread is not None:
             self._thread.process.check()
-            raise RobotError('the robot is connected already')
+            raise RobotError('the robot is already connected')
         self._thread = LoopThread('robot')
         self._lost = weakref.finalize(
             self, _leave, self._thread, self._awaited, self._connection, self.callbacks
@@ -222,7 +222,7 @@ class Session:
         """Run a coroutine in the event loop and wait. Raises RobotError when not connected."""
         thread = self._thread
         if thread is None:
-            raise RobotError('there is no connection: call connect(), or use a with block')
+            raise RobotError('no connection: call connect(), or use a with block')
         return thread.run(work)
 
     def call(self, function: Callable[[], T]) -> T:

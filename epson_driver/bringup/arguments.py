@@ -25,87 +25,85 @@ TABLE = (
     Argument(
         'robot_ip',
         '',
-        'Address of the robot controller. Empty: as params_file says, or 127.0.0.1.',
+        'IP address of the robot controller (empty: from params_file, else 127.0.0.1).',
     ),
     Argument(
         'robot_model',
         '',
-        'Robot model: a file of config/robots, without .yaml, or the path of a .yaml file. '
-        'Empty: as params_file says, or c3_a601s.',
+        'Robot model: the name of a file in config/robots, without .yaml, or a path '
+        '(empty: from params_file, else c3_a601s).',
     ),
     Argument(
         'controller',
         '',
-        'Its kind: a file of config/controllers. Empty: as params_file says, or simulated.',
+        'Controller profile: the name of a file in config/controllers, or a path '
+        '(empty: from params_file, else simulated).',
     ),
     Argument(
         'interface',
         '',
-        'How trajectories reach the controller: point by point, or all before the arm moves. '
-        "Empty: as params_file says, or the controller's usual way.",
+        'Transfer of trajectories: point by point, or all points before the motion '
+        "(empty: from params_file, else the profile's).",
         ('', 'streaming', 'download'),
     ),
     Argument(
         'namespace',
         '',
-        'Namespace of the nodes of this robot: its topics, services and its action.',
+        'Namespace of the nodes, topics, services and actions of this robot.',
     ),
     Argument(
         'tf_prefix',
         '',
-        'Prefix of the names of all joints and links, such as left_ for left_joint_1.',
+        'Prefix of all joint and link names, such as left_ for left_joint_1.',
     ),
-    Argument(
-        'motion_port', '', "TCP port of the motion server. Empty: the controller's usual one."
-    ),
-    Argument('state_port', '', "TCP port of the state server. Empty: the controller's usual one."),
-    Argument('io_port', '', "TCP port of the I/O server. Empty: the controller's usual one."),
+    Argument('motion_port', '', "TCP port of the motion server (empty: the profile's)."),
+    Argument('state_port', '', "TCP port of the state server (empty: the profile's)."),
+    Argument('io_port', '', "TCP port of the I/O server (empty: the profile's)."),
     Argument(
         'remote_port',
         '',
-        'TCP port of Remote Ethernet, which switches the motors; 0: not used. Empty: the '
-        "controller's usual one; with use_sim_controller 5000.",
+        'TCP port of Remote Ethernet, which switches the motors '
+        "(0: not used, empty: the profile's, 5000 with use_sim_controller).",
     ),
     Argument(
         'params_file',
         '',
-        'YAML file of parameters for the client; arguments that are given override it. Empty: '
-        'none.',
+        'YAML file of parameters for the client. Given arguments override it (empty: none).',
     ),
     Argument(
         'use_sim_controller',
         'false',
-        'Start a simulated controller as well, on robot_ip, an address of this machine.',
+        'Start a simulated controller too, at robot_ip, an address of this machine.',
         SWITCH,
     ),
     Argument(
         'sim_motion',
         'smooth',
-        'How the simulated controller moves: through the points, or stopping at each.',
+        'Motion of the simulated controller: through the points, or with a stop at each.',
         ('smooth', 'ptp'),
     ),
-    Argument('use_sim_time', 'false', 'Take the time from /clock, in all nodes.', SWITCH),
+    Argument('use_sim_time', 'false', 'Use the time of /clock in all nodes.', SWITCH),
     Argument(
         'description',
         'false',
-        'Start robot_state_publisher as well: robot_description and tf.',
+        'Start robot_state_publisher too: robot_description and tf.',
         SWITCH,
     ),
     Argument(
         'ros2_control',
         'false',
-        'Start a controller_manager as well, with a joint_trajectory_controller whose commands '
-        'the driver follows as a stream; starts the description, too.',
+        'Start robot_state_publisher and a controller_manager too, with a '
+        'joint_trajectory_controller whose commands the driver follows as a stream.',
         SWITCH,
     ),
     Argument(
         'parent',
         '',
-        'Frame in which the arm stands, such as world: the transform from there to base_link is '
-        'published. Empty: none is.',
+        'Parent frame of base_link, such as world. Its transform is published '
+        '(empty: no transform).',
     ),
-    Argument('origin_xyz', '0 0 0', 'Where base_link is in parent: x y z [m].'),
-    Argument('origin_rpy', '0 0 0', 'How base_link is turned in parent: roll pitch yaw [rad].'),
+    Argument('origin_xyz', '0 0 0', 'Position of base_link in parent: x y z [m].'),
+    Argument('origin_rpy', '0 0 0', 'Orientation of base_link in parent: roll pitch yaw [rad].'),
     Argument(
         'shutdown_on_exit',
         'true',
@@ -115,37 +113,37 @@ TABLE = (
     Argument(
         'respawn',
         'false',
-        'Start the client again when it ends, instead of ending the launch; the arm stays '
-        'disabled until somebody enables it.',
+        'Restart the client when it ends, instead of ending the launch. The arm stays disabled '
+        'until it is enabled explicitly.',
         SWITCH,
     ),
-    Argument('panel', 'false', 'Start the browser panel as well.', SWITCH),
+    Argument('panel', 'false', 'Start the browser panel too.', SWITCH),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument(
         'fix_start_state',
         'false',
-        'Let MoveIt plan from the end of its range where a joint that turns is beyond it.',
+        'Permit MoveIt to plan from the joint limit if a revolute joint is beyond it.',
         SWITCH,
     ),
-    Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
+    Argument('rviz_config', '', 'Display configuration of RViz (empty: from this package).'),
     Argument(
         'action',
         '',
-        'Action of the driver behind smooth_goals, such as '
-        '/joint_trajectory_controller/follow_joint_trajectory. Empty: as params_file says, or '
-        'follow_joint_trajectory.',
+        'Action of the downstream driver, such as '
+        '/joint_trajectory_controller/follow_joint_trajectory (empty: from params_file, else '
+        'follow_joint_trajectory).',
     ),
     Argument(
         'limits_file',
         '',
-        "MoveIt's joint_limits.yaml, or a robot model. Empty: as params_file says, or the URDF "
-        'alone.',
+        "MoveIt's joint_limits.yaml, or a robot model (empty: from params_file, else the URDF "
+        'only).',
     ),
     Argument(
         'stops',
         '',
-        'How a goal is left on its way: by a stop inside the limits, or by the stop of the driver '
-        'behind. Empty: as params_file says, or auto.',
+        'Stop of a running goal: within the limits, or the stop of the downstream driver '
+        '(empty: from params_file, else auto).',
         ('', 'auto', 'brake', 'cancel'),
     ),
     Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),
@@ -157,8 +155,8 @@ TABLE = (
     Argument(
         'robots',
         '',
-        'Which robots of params_file this machine drives: their namespaces, separated by commas. '
-        'Empty: all of them.',
+        'Robots of params_file that this machine drives: their namespaces, separated by commas '
+        '(empty: all).',
     ),
 )
 
@@ -181,7 +179,7 @@ def misspelled_arguments(given: Iterable[str]) -> list[str]:
     """
     found = ((name, near_name(name, _ROWS)) for name in given if name not in _ROWS)
     return [
-        f'launch argument {name}: there is none of that name; did you mean {near}?'
+        f'launch argument {name}: it is unknown, did you mean {near}?'
         for name, near in found
         if near is not None
     ]

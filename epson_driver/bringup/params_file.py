@@ -23,14 +23,14 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
     section for the client, InputError if it is not YAML.
     """
     if not Path(path).is_file():
-        raise BringupError(f'launch argument params_file = {path}: there is no such file')
+        raise BringupError(f'launch argument params_file = {path}: no such file')
     node = '/' + '/'.join([*filter(None, namespace.split('/')), NODE_NAME])
     sections = node_sections(Path(path))
     matching = [values for name, values in sections.items() if _matches(name, node)]
     if not matching:
         raise BringupError(
-            f'launch argument params_file = {path}: it has no {PARAMETERS} for the node {node}; '
-            f'it has some for {", ".join(sections) or "no node"}'
+            f'launch argument params_file = {path}: it has no {PARAMETERS} for the node {node}, '
+            f'only for {", ".join(sections) or "no node"}'
         )
     return {name: value for values in matching for name, value in values.items()}
 
@@ -85,9 +85,7 @@ def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
     namespaces = values['namespaces']
     names = _words(namespaces)
     if '' in names or len(set(names)) != len(names):
-        raise BringupError(
-            f'namespaces = {namespaces}: each must have a name, and no two the same'
-        )
+        raise BringupError(f'namespaces = {namespaces}: must be unique, non-empty names')
     lists = {'robot_ip': _words(values['robot_ips'])}
     if len(lists['robot_ip']) != len(names):
         raise BringupError(
@@ -99,7 +97,7 @@ def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
         if len(words) not in (1, len(names)):
             raise BringupError(
                 f'{argument} has {len(words)} values, but namespaces has {len(names)} names: '
-                'give one for all, or one for each'
+                'give one for all, or one per name'
             )
         lists[argument] = words if len(words) == len(names) else words * len(names)
     return [
@@ -117,7 +115,7 @@ def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
     """
     path = values['params_file']
     if not Path(path).is_file():
-        raise BringupError(f'launch argument params_file = {path}: there is no such file')
+        raise BringupError(f'launch argument params_file = {path}: no such file')
     there = [
         name.removesuffix(f'/{NODE_NAME}').strip('/')
         for name in node_sections(Path(path))
@@ -128,8 +126,8 @@ def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
     if lacking or not names:
         which = lacking[0] if lacking else 'robot'
         raise BringupError(
-            f'launch argument robots: there is no {which} in {path}; its robots are '
-            f'{", ".join(there) or "none"} (a section /NAME/{NODE_NAME} for each)'
+            f'launch argument robots: no {which} in {path}, only '
+            f'{", ".join(there) or "none"} (sections /NAME/{NODE_NAME})'
         )
     given = dict.fromkeys(EACH, '') | {'origin_xyz': '0 0 0', 'origin_rpy': '0 0 0'}
     lists = {'namespaces': ','.join(names), 'robot_ips': ',' * (len(names) - 1)}

@@ -68,9 +68,9 @@ def check_streams(values: Mapping[str, str]) -> None:
     program = load_controller_profile(resolved['controller'] or DEFAULT_PROFILE).program
     interface = resolved['interface'] or program.interface
     if program.kind == 'motoman':
-        why = f'controller = {resolved["controller"]}: its points are not followed as a stream'
+        why = f'controller = {resolved["controller"]}: it does not support streams'
     elif interface != 'streaming':
-        why = f'interface = {interface}: a download moves when all of it is there'
+        why = f'interface = {interface}: a download starts after the last point'
     else:
         return
     raise BringupError(f'launch argument ros2_control: the driver must follow streams, but {why}')

@@ -84,7 +84,9 @@ def _run() -> int:
 def _usage() -> str:
     rows = [f'  {executable:15} {text}' for executable, text in EXECUTABLES.items()]
     usage = 'usage: epson_driver NAME [arguments]\n       epson_driver [--help | --version]'
-    return '\n'.join([usage, '', *rows, '', 'epson_driver NAME --help says what each one takes'])
+    return '\n'.join(
+        [usage, '', *rows, '', 'Run `epson_driver NAME --help` for the options of a command.']
+    )
 
 
 def _unknown(name: str) -> str:

@@ -5,7 +5,7 @@
 import argparse
 import errno
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,23 @@ from epson_driver.inputs import HOST, Rule, count, printable, shown
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
 FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
 """0 selects any free port."""
+
+LOGIN_HELP = 'Remote Ethernet password (default: none)'
+PORT_HELP = '{} port (default: from the profile'
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Wraps the description and keeps the lines of the epilog."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if '\n' in text else super()._fill_text(text, width, indent)
+
+
+def help_texts(description: str, examples: Sequence[str], codes: str, more: str = '') -> Any:
+    """Return the keywords of a parser for its description, examples and exit codes."""
+    lines = ['examples:', *(f'  epson_driver {each}' for each in examples)]
+    epilog = '\n'.join([*lines, '', f'exit codes: {codes}', more]).strip()
+    return {'description': description, 'epilog': epilog, 'formatter_class': _Formatter}
 
 
 def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
@@ -66,8 +83,8 @@ def if_in_use(cause: BaseException | None) -> str:
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
         return ''
     return (
-        '; end the process that has it, or choose other ports with --motion-port, --state-port … '
-        '(0: any free one) and tell the client of them (motion_port, state_port …)'
+        '; end the process that uses it, or choose other ports with --motion-port, --state-port … '
+        '(0: any free port) and set them in the client too (motion_port, state_port …)'
     )
 
 

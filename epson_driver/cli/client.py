@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from rclpy.utilities import remove_ros_args
 
+from epson_driver.cli.arguments import help_texts
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
 
@@ -25,15 +26,19 @@ def main() -> int:
 def _namespaces(arguments: Sequence[str]) -> list[str]:
     parser = argparse.ArgumentParser(
         prog='epson_driver client',
-        description='The ROS 2 node that drives a controller, or several in one process: one for '
-        'each --namespace.',
-        epilog='ROS arguments as everywhere: --ros-args -p robot_ip:=192.168.0.1; for several '
-        'robots --ros-args --params-file FILE, with /NAME/epson_driver: ros__parameters: …',
+        **help_texts(
+            'Run the ROS 2 node that drives a controller, or one node per --namespace.',
+            (
+                'client --ros-args -p robot_ip:=192.168.0.1 -p controller:=rc700a',
+                'client --namespace left --namespace right --ros-args --params-file FILE',
+            ),
+            '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
+        ),
     )
     parser.add_argument(
         '--namespace',
         metavar='NAME',
         action='append',
-        help="a robot's namespace; once for each robot (none: one robot, where __ns says)",
+        help="namespace of a robot (repeatable, default: the node's own)",
     )
     return parser.parse_args(arguments).namespace or ['']

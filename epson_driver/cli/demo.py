@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import page, picture
+from epson_driver.cli.arguments import help_texts, page, picture
 from epson_driver.demo.run import run
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
@@ -57,8 +57,8 @@ def main() -> int:
             staying=arguments.stay or arguments.panel,
         )
     except (RunError, ReportError, InputError, OSError) as error:
-        said = f'[bold red]demo failed:[/] {escape(printable(error))}'
-        console.print(said, highlight=False, soft_wrap=True)
+        text = f'[bold red]demo failed:[/] {escape(printable(error))}'
+        console.print(text, highlight=False, soft_wrap=True)
         return 1
     except KeyboardInterrupt:
         console.print('stopped')
@@ -68,59 +68,63 @@ def main() -> int:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='epson_driver demo',
-        description='A planned trajectory through ROS 2 to a simulated EPSON robot, and a report.',
+        **help_texts(
+            'Execute a planned trajectory through ROS 2 on a simulated robot, and report on it.',
+            ('demo --panel', 'demo --robot ls6_602s --compare'),
+            '0 the arm followed the plan, 1 it did not, 2 invalid arguments, '
+            '3 uncertain, 130 Ctrl-C',
+        ),
     )
     parser.add_argument(
         '--robot',
         default=ROBOT,
         metavar='MODEL',
-        help='the robot model, six-axis or SCARA (%(default)s)',
+        help='robot model, six-axis or SCARA (default: %(default)s)',
     )
     parser.add_argument(
         '--trajectory',
         type=Path,
         metavar='FILE',
-        help=f'a JointTrajectory as YAML (default: {TRAJECTORY.name}; for SCARAs: '
+        help=f'JointTrajectory as YAML (default: {TRAJECTORY.name}, for SCARAs '
         f'{TRAJECTORY_OF_SCARAS.name})',
     )
     parser.add_argument(
         '--controller',
         default=NATIVE,
-        help='controller profile, or a .yaml file; spel: the SPEL+ program for real controllers '
-        '(%(default)s)',
+        help='controller profile, or a .yaml file (spel: the SPEL+ program for real controllers, '
+        'default: %(default)s)',
     )
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
-        help='how the controller moves: through all points, or resting at each (smooth)',
+        help="the controller's motion: through all points, or resting at each (default: smooth)",
     )
     parser.add_argument(
         '--compare',
         action='store_true',
-        help='run both, one after the other, in one picture; with a SPEL+ program: it and the '
-        f'built-in one of {NATIVE}',
+        help='comparison of both motions, or of a SPEL+ program with the built-in program of '
+        f'{NATIVE}, in one picture',
     )
     parser.add_argument(
         '--picture',
         type=picture,
         metavar='FILE',
         default=Path('demo-report.png'),
-        help='where to draw positions and velocities (default: %(default)s)',
+        help='plot of positions and velocities (default: %(default)s)',
     )
     parser.add_argument(
         '--report',
         type=page,
         metavar='FILE',
-        help='where to write the page with arm and figures (default: beside the picture)',
+        help='report page (default: next to the picture)',
     )
     parser.add_argument(
         '--stay',
         action='store_true',
-        help='keep controller and driver running until Ctrl-C, for other terminals, and the panel '
-        'if it is installed',
+        help='keep controller, driver and, if it is installed, the panel running until Ctrl-C',
     )
     parser.add_argument(
-        '--panel', action='store_true', help='the same, and the panel must be installed'
+        '--panel', action='store_true', help='like --stay, but fail without the panel'
     )
     arguments = parser.parse_args()
     arguments.report = arguments.report or arguments.picture.with_suffix('.html')
@@ -131,7 +135,7 @@ def _arguments() -> argparse.Namespace:
         parser.error(str(error))
     arguments.spel = bool(profile.spel.project)
     if arguments.spel and arguments.motion is not None:
-        parser.error('--motion: a SPEL+ program moves as its statements say')
+        parser.error('--motion: its statements determine how a SPEL+ program moves')
     if arguments.trajectory is None:
         scara = arguments.model.kind == SCARA
         arguments.trajectory = TRAJECTORY_OF_SCARAS if scara else TRAJECTORY
@@ -150,8 +154,8 @@ def _fitting(file: Path, model: RobotModel) -> Trajectory:
     trajectory = read_trajectory(file)
     if sorted(trajectory.joint_names) != sorted(model.joint_names):
         raise InputError(
-            f'{file}: its joints are {", ".join(trajectory.joint_names)}; the {model.name} has '
-            f'{", ".join(model.joint_names)}: name its model with --robot'
+            f'{file}: its joints are {", ".join(trajectory.joint_names)}, but the {model.name} '
+            f'has {", ".join(model.joint_names)}: select its model with --robot'
         )
     return trajectory.in_order(model.joint_names)
 

@@ -19,7 +19,14 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import (
+    FREE_PORT,
+    LOGIN_HELP,
+    PORT_HELP,
+    argument,
+    help_texts,
+    host,
+)
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, Question, check_controller
 from epson_driver.doctor.environment import check_environment
 from epson_driver.doctor.findings import Finding, Findings, Level, as_text, tell_drivers
@@ -48,9 +55,9 @@ def main() -> int:
     parser = _parser()
     arguments = parser.parse_args()
     if arguments.address is None and (arguments.learn or arguments.ask or arguments.jog):
-        parser.error('--learn, --ask and --jog are about a controller: give its address')
+        parser.error('--learn, --ask and --jog need the address of a controller')
     if arguments.learn and arguments.learn.exists():
-        parser.error(f'{printable(arguments.learn)}: is there already; a profile is a new file')
+        parser.error(f'--learn {printable(arguments.learn)}: must be a new file')
     try:
         profile = load_controller_profile(arguments.controller)
         model = load_robot_model(arguments.robot)
@@ -127,12 +134,14 @@ def _finish(
             about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
             text = profile_text(arguments.learn.stem, facts, arguments.like, about)
             write_file(arguments.learn, text)
-            console.print(f'profile: {arguments.learn}, {len(facts)} keys found; not found out:')
+            console.print(f'profile: {arguments.learn}, {len(facts)} keys found, unknown keys:')
             for why, keys in groupby(sorted(unknown(facts), key=why_not), why_not):
                 console.print(Padding(f'{why}:', (0, 0, 0, 2)), style='dim')
                 console.print(Padding(', '.join(keys), (0, 0, 0, 4)), style='dim')
         else:
-            findings.wrong('--learn', 'nothing was found out: no profile is written', 'see above')
+            findings.wrong(
+                '--learn', 'nothing was found out, so no profile is written', 'see above'
+            )
     if arguments.save is not None:
         head = [f'epson_driver doctor {" ".join(sys.argv[1:])}', f'{datetime.now(UTC):%F %T} UTC']
         write_file(arguments.save, as_text(findings, head))
@@ -167,7 +176,7 @@ def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Fi
         told, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
         found = json.loads(told.strip().rpartition('\n')[2])
     except (subprocess.TimeoutExpired, ValueError):
-        text = 'could not be looked for: ROS does not start, see below'
+        text = 'unknown: ROS does not start, see below'
         findings.skipped('driver, MoveIt', text)
         return
     tell_drivers(found['drivers'], findings)
@@ -187,9 +196,13 @@ def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Fi
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver doctor',
-        description='Why the arm does not move, and what is wrong from this machine to the '
-        'controller, with what to do. It only listens, unless more is allowed. Exit code 0: '
-        'nothing is wrong, and nothing keeps the arm from moving.',
+        **help_texts(
+            'Find out why the arm does not move, and report errors from this machine to the '
+            'controller with their remedies. It only listens unless an option permits more.',
+            ('doctor', 'doctor 192.168.0.1 --controller rc700a --save doctor.txt'),
+            '0 nothing is wrong and nothing inhibits motion, 1 otherwise, '
+            '2 invalid arguments, 130 Ctrl-C',
+        ),
         allow_abbrev=False,
     )
     parser.add_argument('address', nargs='?', type=host, help="the controller's address")
@@ -197,54 +210,57 @@ def _parser() -> argparse.ArgumentParser:
         '--controller',
         default='simulated',
         metavar='PROFILE',
-        help='what it should be: simulated is the '
-        'built-in simulation, spel an EPSON controller with our program (%(default)s)',
+        help='expected controller profile: simulated for the built-in simulation, spel for an '
+        'EPSON controller with our program (default: %(default)s)',
     )
     parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
     )
     for name in ('state', 'motion', 'io', 'remote'):
         parser.add_argument(
             f'--{name}-port',
             type=argument(FREE_PORT),
             metavar='PORT',
-            help='as the profile says; 0: leave it alone' if name != 'state' else 'as the profile',
+            help=PORT_HELP.format(name) + ('' if name == 'state' else ', 0: not checked') + ')',
         )
-    parser.add_argument('--password', default='', help='of Remote Ethernet')
+    parser.add_argument('--password', default='', help=LOGIN_HELP)
     parser.add_argument(
         '--seconds',
         type=argument(number(MIN_LISTENING_S, 600.0)),
         default=5.0,
         metavar='S',
-        help='how long to listen (%(default)s)',
+        help='listening time, s (default: %(default)s)',
     )
     parser.add_argument(
         '--ask',
         action='store_true',
-        help='also ask the motion and the remote port, with the motors off: moves nothing, but '
-        'may leave an error, and takes the place of a client',
+        help='permission to query the motion and remote ports with the motors off: nothing moves, '
+        'but an error may remain, and no other client can connect during it',
     )
     parser.add_argument(
         '--io',
         action='store_true',
-        help='also ask the I/O port: when it leaves, outputs may change',
+        help='permission to query the I/O port: outputs may change at the end',
     )
     parser.add_argument(
         '--jog',
         action='store_true',
-        help='ask a person to jog each joint and to read X Y Z U V W from the pendant',
+        help='prompts to jog each joint and to read X Y Z U V W from the pendant',
     )
     parser.add_argument(
-        '--learn', type=_profile, metavar='FILE', help='write a controller profile, NAME.yaml'
+        '--learn',
+        type=_profile,
+        metavar='FILE',
+        help='new file for a controller profile, NAME.yaml',
     )
     parser.add_argument(
         '--like',
         default='generic',
         metavar='PROFILE',
-        help='what the learned profile takes over for the rest (%(default)s)',
+        help='profile for the keys that cannot be learned (default: %(default)s)',
     )
     parser.add_argument(
-        '--save', type=Path, metavar='FILE', help='write a text file, for a bug report'
+        '--save', type=Path, metavar='FILE', help='text file with all findings, for a bug report'
     )
     return parser
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument
+from epson_driver.cli.arguments import argument, help_texts
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.runner import CASES, NO_FAULT, Exercise, run_case
 from epson_driver.inputs import InputError, count, number, printable, write_file
@@ -39,11 +39,11 @@ def main() -> int:
             print(f'{name:18} {case.what}')
         return 0
     if not arguments.command:
-        parser.error('which program? epson_driver exercise [options] -- COMMAND …')
+        parser.error('COMMAND is missing: epson_driver exercise [options] -- COMMAND …')
     if shutil.which(arguments.command[0]) is None:
         parser.error(f'{printable(arguments.command[0])}: no such program')
     if arguments.keep is not None and arguments.keep.exists():
-        parser.error(f'{printable(arguments.keep)}: is there already; --keep wants a new folder')
+        parser.error(f'{printable(arguments.keep)}: must be a new folder (--keep)')
     try:
         load_controller_profile(arguments.controller)
         load_robot_model(arguments.robot)
@@ -78,7 +78,7 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
     usual = _usual(exercise, folder, console)
     if usual.code != 0 or not usual.moved:
         why = _why_not_usual(usual, arguments.timeout)
-        console.print(f'[bold red]without a fault it must finish:[/] {escape(why)}')
+        console.print(f'[bold red]failed without a fault:[/] {escape(why)}')
         return 2
     console.print(
         f'finished in {usual.seconds:.1f} s, {usual.trajectories} trajectories', style='green'
@@ -99,7 +99,7 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
         )
     bad = sum(not each.good for each in results)
     if bad:
-        console.print(f'[bold red]{bad} of {len(results)} went wrong[/]')
+        console.print(f'[bold red]{bad} of {len(results)} failed[/]')
         return 1
     console.print(f'[bold green]all {len(results)} passed[/]')
     return 0
@@ -119,10 +119,10 @@ def _usual(exercise: Exercise, folder: Path, console: Console) -> Observed:
 
 def _why_not_usual(usual: Observed, timeout: float) -> str:
     if usual.code is None:
-        return f'it did not end within {timeout:g} s (--timeout); last said: {usual.said or "-"}'
+        return f'still running after {timeout:g} s (--timeout), last line: {usual.said or "-"}'
     if usual.code:
-        return f'exit code {usual.code}; last said: {usual.said or "-"}'
-    return 'it ended without having moved the arm'
+        return f'exit code {usual.code}, last line: {usual.said or "-"}'
+    return 'it ended without moving the arm'
 
 
 def _colour(result: Result) -> str:
@@ -131,7 +131,7 @@ def _colour(result: Result) -> str:
 
 def _matrix(results: Sequence[Result]) -> Table:
     table = Table(box=SIMPLE_HEAD, show_edge=False)
-    for column in ('fault', 'what it did', 's', 'its last words'):
+    for column in ('fault', 'result', 's', 'reason'):
         table.add_column(column, justify='right' if column == 's' else 'left')
     for each in results:
         table.add_row(
@@ -146,44 +146,59 @@ def _matrix(results: Sequence[Result]) -> Table:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver exercise',
-        description='Runs a program that uses the driver (topics, services, the action) against '
-        'the simulated controller, once per fault, and says what it did. Exit code 0: it '
-        'finished or gave up with a reason in every case.',
+        **help_texts(
+            'Run a program that uses the driver against the simulated controller, once per fault, '
+            'and report how it reacted.',
+            (
+                'exercise -- python3 my_program.py',
+                'exercise --fault estop --junit results.xml -- ros2 launch my_cell cell.launch.py',
+            ),
+            '0 it finished or gave up with a reason in every case, 1 it did not, '
+            '2 invalid arguments or a failure without a fault, 130 Ctrl-C',
+        ),
         allow_abbrev=False,
     )
-    parser.add_argument('command', nargs='*', metavar='COMMAND', help='after --, as in a shell')
+    parser.add_argument(
+        'command', nargs='*', metavar='COMMAND', help='command line of the program, after --'
+    )
     parser.add_argument(
         '--fault',
         action='append',
         choices=list(CASES),
         metavar='NAME',
-        help='only this one; may be given several times (--list names them)',
+        help='fault to test (repeatable, default: all of --list)',
     )
-    parser.add_argument('--list', action='store_true', help='list what can happen')
+    parser.add_argument('--list', action='store_true', help='list of the faults')
     parser.add_argument(
-        '--seed', type=argument(count(0, 2**31 - 1)), default=0, help='of all chance (%(default)s)'
+        '--seed',
+        type=argument(count(0, 2**31 - 1)),
+        default=0,
+        help='random seed (default: %(default)s)',
     )
     parser.add_argument(
         '--timeout',
         type=argument(number(1.0, 3600.0)),
         default=60.0,
         metavar='S',
-        help='a program that takes longer hangs (%(default)s)',
+        help='time limit of a run, s (default: %(default)s)',
     )
     parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
     )
     parser.add_argument(
-        '--controller', default='simulated', metavar='PROFILE', help='its controller (%(default)s)'
+        '--controller',
+        default='simulated',
+        metavar='PROFILE',
+        help='controller profile (default: %(default)s)',
     )
-    parser.add_argument('--start', metavar='Q1,Q2,…', help='where the joints are at first, rad')
+    parser.add_argument('--start', metavar='Q1,Q2,…', help='initial joint positions, rad or m')
     parser.add_argument(
         '--not-enabled',
         action='store_true',
-        help='the program calls ~/enable itself; otherwise a person has done so',
+        help='start with a disabled arm: the program calls ~/enable',
     )
-    parser.add_argument('--junit', type=Path, metavar='FILE', help='write JUnit XML, for CI')
+    parser.add_argument('--junit', type=Path, metavar='FILE', help='JUnit XML file, for CI')
     parser.add_argument(
-        '--keep', type=Path, metavar='FOLDER', help='keep logs and traces in a new folder'
+        '--keep', type=Path, metavar='FOLDER', help='new folder for logs and traces'
     )
     return parser

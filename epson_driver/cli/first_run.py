@@ -15,7 +15,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import (
+    FREE_PORT,
+    LOGIN_HELP,
+    PORT_HELP,
+    argument,
+    help_texts,
+    host,
+)
 from epson_driver.cli.doctor import tell
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Finding, Findings, Level
@@ -47,19 +54,19 @@ def main() -> int:
         book = load(path) if path.exists() else Book(about | _versions())
         for key, value in about.items():
             if book.about[key] != value:
-                rule = f'is about the {key} {book.about[key]}; give that one, or another --file'
+                rule = f'is for {key} {book.about[key]}: use that, or another --file'
                 raise InputError(f'{printable(path)}: {rule}')
         run = FirstRun(question, _Keyboard().ask, findings)
         ended = asyncio.run(go_through(run, book, path, lambda text: _say(console, text)))
     except (OSError, InputError) as error:
         parser.error(printable(error))
     except (KeyboardInterrupt, EOFError):
-        console.print(f'\nended; what was done is kept: {escape(printable(path))}')
+        console.print(f'\nended, completed steps are saved in {escape(printable(path))}')
         return INTERRUPTED
     for habit in book.habits:
         said = f'[bold]habit[/]  {escape(printable(habit))}'
         console.print(said, soft_wrap=not console.is_terminal)
-    console.print(f'page, and a robot for sim_controller --profile-from: {printable(path)}')
+    console.print(f'page, also for sim_controller --profile-from: {printable(path)}')
     left = [name for name, each in book.entries.items() if each.state == 'failed']
     return int(bool(left) or not ended)
 
@@ -146,9 +153,16 @@ def _question(arguments: argparse.Namespace) -> Question:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver first-run',
-        description='The first day with a real robot: listens, compares, asks, moves a little, '
-        'slowly, step by step. Each step is explained and asked for, may be skipped, and is done '
-        'once: call it again to go on. A hand belongs on the E-stop, and nobody into the cell.',
+        **help_texts(
+            'Check a real robot step by step on its first day: listen, compare, then move slowly. '
+            'Each step is explained and needs confirmation. Run it again to continue. Keep a hand '
+            'on the E-stop. No person may be in the cell.',
+            (
+                'first-run 192.168.0.1 --controller rc700a --robot c4_a601s',
+                'first-run 192.168.0.1 --file cell_3.html',
+            ),
+            '0 all steps done, 1 some steps remain or failed, 2 invalid arguments, 130 Ctrl-C',
+        ),
         allow_abbrev=False,
     )
     parser.add_argument('address', type=host, help="the controller's address")
@@ -156,16 +170,19 @@ def _parser() -> argparse.ArgumentParser:
         '--controller',
         default='simulated',
         metavar='PROFILE',
-        help='what it should be (%(default)s)',
+        help='expected controller profile (default: %(default)s)',
     )
     parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
     )
     parser.add_argument(
-        '--file', type=Path, metavar='FILE', help='the page (first_run_ADDRESS.html)'
+        '--file',
+        type=Path,
+        metavar='FILE',
+        help='page with the results (default: first_run_ADDRESS.html)',
     )
     for name in ('state', 'motion', 'io', 'remote'):
-        text = 'as the profile' if name == 'state' else 'as the profile says; 0: leave it alone'
+        text = PORT_HELP.format(name) + ('' if name == 'state' else ', 0: not used') + ')'
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
-    parser.add_argument('--password', default='', help='of Remote Ethernet')
+    parser.add_argument('--password', default='', help=LOGIN_HELP)
     return parser

@@ -27,7 +27,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from epson_driver.cli.arguments import argument
+from epson_driver.cli.arguments import argument, help_texts
 from epson_driver.inputs import count, number, printable
 from epson_driver.node.ros_process import sampled, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
@@ -166,10 +166,30 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
 
 def main() -> int:
     """Run until Ctrl-C or for the given time. Returns 0 if all robots were up to the end."""
-    parser = argparse.ArgumentParser(prog='epson_driver fleet', description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog='epson_driver fleet',
+        **help_texts(
+            'Run simulated robots, their drivers and a discovery server, and show their state.',
+            ('fleet', 'fleet --robots 16 --seconds 60'),
+            '0 all robots were up until the end, 1 some were not, 2 invalid arguments, '
+            '130 Ctrl-C before all were up',
+        ),
+    )
     robots, seconds = argument(count(1, 64)), argument(number(0.1, 1e6, 's'))
-    parser.add_argument('--robots', type=robots, default=4, metavar='N', help='(%(default)s)')
-    parser.add_argument('--seconds', type=seconds, default=math.inf, help='then end (at Ctrl-C)')
+    parser.add_argument(
+        '--robots',
+        type=robots,
+        default=4,
+        metavar='N',
+        help='number of robots (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=seconds,
+        default=math.inf,
+        metavar='S',
+        help='run time, s (default: until Ctrl-C)',
+    )
     arguments = parser.parse_args()
     console = Console(highlight=False)
     interrupt.raise_at_first_signal()
@@ -187,7 +207,7 @@ def main() -> int:
                     if not up and all(row.up for row in rows):
                         up, until = True, time.monotonic() + arguments.seconds
                         console.print(
-                            '\nexport '.join(('all up, until Ctrl-C. Elsewhere:', *where))
+                            '\nexport '.join(('all up until Ctrl-C. In another terminal:', *where))
                         )
             console.line()
             return 0 if all(row.up for row in rows) else 1

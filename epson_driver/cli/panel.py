@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, host
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL, missing
@@ -71,28 +71,31 @@ def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver panel',
-        description='The robots in a browser: what they report, in 3D and as curves, and buttons. '
-        'SIGINT or SIGTERM ends it. ROS arguments as everywhere.',
+        **help_texts(
+            'Show the robots in a browser: 3D view, status, curves, log and buttons.',
+            ('panel', 'panel --port 8081 --robot /left/epson_driver --allow-motion'),
+            '0 stopped by a signal, 1 cannot start, 2 invalid arguments',
+        ),
         allow_abbrev=False,
     )
     parser.add_argument(
         '--host',
         type=host,
         default='127.0.0.1',
-        help='address to listen on (%(default)s); another than of this machine alone needs the '
-        'token that is printed then',
+        help='address to listen on (default: %(default)s); requests to a public address need the '
+        'printed token',
     )
     parser.add_argument(
         '--port',
         type=argument(FREE_PORT),
         default=PORT,
-        help='port to listen on, 0 for any free one (%(default)s)',
+        help='port to listen on (0: any free port, default: %(default)s)',
     )
     parser.add_argument(
         '--robot',
         action='append',
         metavar='NODE',
-        help="a driver's node, such as /left/epson_driver; may be repeated (all that are found)",
+        help='driver node, such as /left/epson_driver (repeatable, default: all)',
     )
     parser.add_argument(
         '--trajectory',
@@ -100,11 +103,11 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='FILE',
-        help='a JointTrajectory as YAML to execute; may be repeated (those of this package)',
+        help='JointTrajectory as YAML (repeatable, default: all of this package)',
     )
     parser.add_argument(
         '--allow-motion',
         action='store_true',
-        help='allow to move robots that are not simulated',
+        help='permission to move real robots',
     )
     return parser

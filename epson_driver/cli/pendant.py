@@ -7,7 +7,7 @@ import asyncio
 import sys
 from contextlib import suppress
 
-from epson_driver.cli.arguments import PORT, argument, host
+from epson_driver.cli.arguments import LOGIN_HELP, PORT, argument, help_texts, host
 from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
@@ -36,25 +36,34 @@ from epson_driver.remote_ethernet.hand import (
 from epson_driver.sim_controller.faults.fault_kinds import describe
 
 STATUS, KINDS = 'status', 'fault kinds'
-WORDS = {STATUS: 'the state of the controller', KINDS: 'the kinds of faults', **FORMS}
-WORDS |= {said: each.done or 'tell all' for said, each in ACTIONS.items()}
+WORDS = {STATUS: 'state of the controller', KINDS: 'list the kinds of faults', **FORMS}
+WORDS |= {words: each.done or 'list all' for words, each in ACTIONS.items()}
 
 
 def main() -> int:
     """Do one action. Returns 0 if it was done, 1 if it was refused or not answered."""
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
-        description='What a person does at the controller.',
-        epilog='\n'.join(('words:', *(f'  {said:26}{text}' for said, text in WORDS.items()))),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **help_texts(
+            'Perform operator actions at a controller.',
+            ('pendant status', 'pendant --port 5000 estop press'),
+            '0 done, 1 refused or no answer, 2 invalid arguments',
+            '\n'.join(('\nactions:', *(f'  {name:26}{text}' for name, text in WORDS.items()))),
+        ),
         allow_abbrev=False,
     )
     port, time = argument(PORT), argument(number(0.1, 3600.0, 's'))
-    parser.add_argument('--host', type=host, default='127.0.0.1', help='(%(default)s)')
-    parser.add_argument('--port', type=port, default=5000, help='remote port (%(default)s)')
-    parser.add_argument('--password', default='', help='of the remote port (none)')
-    parser.add_argument('--timeout', type=time, default=5.0, help='s to try (%(default)g)')
-    parser.add_argument('words', nargs='+', metavar='WORD', help='as listed below')
+    parser.add_argument(
+        '--host', type=host, default='127.0.0.1', help='controller address (default: %(default)s)'
+    )
+    parser.add_argument(
+        '--port', type=port, default=5000, help='remote port (default: %(default)s)'
+    )
+    parser.add_argument('--password', default='', help=LOGIN_HELP)
+    parser.add_argument(
+        '--timeout', type=time, default=5.0, help='time limit, s (default: %(default)g)'
+    )
+    parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
     given = parser.parse_args()
     said, address = ' '.join(given.words), f'{given.host}:{given.port}'
     if said == KINDS:
@@ -125,7 +134,7 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
             if found := flags_inhibit(flags, shown, load_error_texts()):
                 text = with_remedy(found.text, found.remedy, {})
             elif 'Running' in flags:
-                text = 'the arm still moves: try again when it stands'
+                text = 'the arm is still moving: try again when it has stopped'
     number = f' (error {error.number})'
     return text if not error.number or number in text else text + number
 

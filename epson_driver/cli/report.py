@@ -5,6 +5,7 @@
 import argparse
 from pathlib import Path
 
+from epson_driver.cli.arguments import help_texts
 from epson_driver.cli.arguments import page as page_path
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
@@ -24,12 +25,12 @@ def main() -> int:
     parser = _parser()
     arguments = parser.parse_args()
     if arguments.compare and len(arguments.files) != 2:
-        parser.error(f'--compare puts two files side by side, not {len(arguments.files)}')
+        parser.error(f'--compare needs two files, not {len(arguments.files)}')
     single = len(arguments.files) == 1 or arguments.compare
     if not single and (arguments.output or arguments.mcap):
-        parser.error('--output and --mcap are for one report: name one file, or --compare two')
+        parser.error('--output and --mcap write one report: give one file, or two with --compare')
     if arguments.compare and arguments.mcap:
-        parser.error('--mcap writes one run: leave out --compare')
+        parser.error('--mcap writes one run: omit --compare')
     try:
         model = load_robot_model(arguments.robot)
         runs = [_read(file, model, arguments) for file in arguments.files]
@@ -67,8 +68,8 @@ def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple
         run = read_trace(file, model.limits, texts, arguments.address)
     if len(run.joint_names) != len(model.joint_names):
         raise RunError(
-            f'{file}: {len(run.joint_names)} joints, the robot {model.name} has '
-            f'{len(model.joint_names)}: name its model with --robot'
+            f'{file}: {len(run.joint_names)} joints, but the robot {model.name} has '
+            f'{len(model.joint_names)}: select its model with --robot'
         )
     return run, figures(run, model.limits.rad_per_unit)
 
@@ -81,38 +82,42 @@ def is_bag(path: Path) -> bool:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver report',
-        description="What happened in a run, as one HTML page: the driver's own traces "
-        "(trace_file), captures of tcpdump, and bags (pip install 'epson_driver[report]').",
+        **help_texts(
+            "Report on a run as one HTML page, from the driver's traces (trace_file), tcpdump "
+            "captures, or bags (pip install 'epson_driver[report]').",
+            ('report run.pcap', 'report --compare before.pcap after.pcap --output compared.html'),
+            '0 done, 2 invalid arguments, 130 Ctrl-C',
+        ),
         allow_abbrev=False,
     )
     parser.add_argument(
-        'files', type=Path, nargs='+', metavar='FILE', help='a trace, or the folder of a bag'
+        'files', type=Path, nargs='+', metavar='FILE', help='trace, or folder of a bag'
     )
     parser.add_argument(
         '--output',
         type=page_path,
         metavar='FILE',
-        help='the page (FILE-report.html); JSON beside it',
+        help='page, with a JSON file next to it (default: FILE-report.html)',
     )
     parser.add_argument(
-        '--compare', action='store_true', help='put two runs side by side in one page'
+        '--compare', action='store_true', help='one page with two runs side by side'
     )
     parser.add_argument(
-        '--mcap', type=Path, metavar='FOLDER', help='also write the run as an MCAP bag, a folder'
+        '--mcap', type=Path, metavar='FOLDER', help='new folder for the run as an MCAP bag'
     )
     parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
     )
     parser.add_argument(
         '--controller',
         default='simulated',
         metavar='PROFILE',
-        help='the controller profile, for the texts of its errors (%(default)s)',
+        help='controller profile, for its error texts (default: %(default)s)',
     )
     parser.add_argument(
-        '--address', metavar='ADDRESS', help='which controller, if a trace has several'
+        '--address', metavar='ADDRESS', help='controller to report on, if a trace has several'
     )
     parser.add_argument(
-        '--namespace', metavar='NAME', help="the robot's namespace, if a bag has several"
+        '--namespace', metavar='NAME', help='namespace of the robot, if a bag has several'
     )
     return parser

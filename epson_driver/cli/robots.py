@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from epson_driver.bringup import BringupError, write_moveit_package
-from epson_driver.cli.arguments import picture
+from epson_driver.cli.arguments import help_texts, picture
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
 from epson_driver.report.envelope import PictureError, draw_envelope
@@ -43,9 +43,9 @@ def main() -> int:
     parser = _parser()
     arguments = parser.parse_args()
     if arguments.moveit and not arguments.name:
-        parser.error('--moveit: which model?')
+        parser.error('--moveit: NAME is missing')
     if arguments.picture and not arguments.name:
-        parser.error('--picture: of which model?')
+        parser.error('--picture: NAME is missing')
     try:
         if arguments.picture:
             draw_envelope(arguments.picture, load_robot_model(arguments.name))
@@ -70,42 +70,58 @@ def main() -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver robots',
-        description='List the robot models; with NAME, all numbers of one and their sources.',
-        epilog="confirmed: by two independent sources, or EPSON's own for this model; derived: "
-        'computed from such, or a sister model; estimated: a proxy, from memory, or a guess. '
-        'Check everything that is not confirmed against the manipulator manual.',
+        **help_texts(
+            'List the robot models, or all numbers of one model with their sources.',
+            ('robots --search scara --payload 6', 'robots c4_a601s --picture envelope.png'),
+            '0 done, 2 invalid arguments',
+            "\nconfirmed: by two independent sources, or by EPSON's for this model\n"
+            'derived: computed from confirmed numbers, or from a sister model\n'
+            'estimated: a proxy, from memory, or a guess\n'
+            'Check all numbers that are not confirmed against the manipulator manual.',
+        ),
     )
     parser.add_argument(
         'name',
         nargs='?',
         metavar='NAME',
-        help='a model, such as c4_a601s or C4-A601S, or a .yaml file',
+        help='robot model, such as c4_a601s or C4-A601S, or a .yaml file',
     )
     parser.add_argument(
-        '--search', default='', metavar='WORD', help='only models with this in name or description'
+        '--search',
+        default='',
+        metavar='WORD',
+        help='only models with this word in the name or description',
     )
     parser.add_argument(
-        '--payload', type=float, default=0.0, metavar='KG', help='only those that carry so much'
+        '--payload',
+        type=float,
+        default=0.0,
+        metavar='KG',
+        help='only models with at least this payload',
     )
     parser.add_argument(
-        '--reach', type=float, default=0.0, metavar='MM', help='only those that reach so far'
+        '--reach',
+        type=float,
+        default=0.0,
+        metavar='MM',
+        help='only models with at least this reach',
     )
     parser.add_argument(
-        '--plain', action='store_true', help='tabs instead of tables (default in a pipe)'
+        '--plain', action='store_true', help='tabs instead of tables (default: in a pipe)'
     )
     parser.add_argument(
         '--picture',
         type=picture,
         metavar='FILE',
-        help='draw where NAME can be, a SCARA from above, six axes from the side, and write it '
+        help='plot of the working envelope of NAME, a SCARA from above, six axes from the side '
         '(.png, .svg, .pdf)',
     )
     parser.add_argument(
         '--moveit',
         type=Path,
         metavar='FOLDER',
-        help="write a MoveIt package of one's own for NAME; MoveItConfigsBuilder('c4_a601s') "
-        'finds it if FOLDER is named c4_a601s_moveit_config',
+        help="folder for a new MoveIt package for NAME (MoveItConfigsBuilder('c4_a601s') finds it "
+        'if FOLDER is named c4_a601s_moveit_config)',
     )
     return parser
 

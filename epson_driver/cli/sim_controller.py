@@ -16,7 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
+from epson_driver.cli.arguments import (
+    FREE_PORT,
+    PORT,
+    argument,
+    define,
+    help_texts,
+    host,
+    if_in_use,
+)
 from epson_driver.first_run.book import likeness, load
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.log_lines import StderrLog
@@ -119,7 +127,7 @@ def _program(
     elif profile.spel.project:
         files = profile_project(profile.spel, model)
     elif args.define:
-        raise InputError('--define: there is no SPEL+ program')
+        raise InputError('--define: needs a SPEL+ program')
     else:
         return None
     return build(with_defines(files, dict(args.define)))
@@ -128,10 +136,10 @@ def _program(
 def _of_built_in_programs(args: argparse.Namespace) -> tuple[str, str] | None:
     """Return an argument that does not apply to a SPEL+ program, and why, or None."""
     given = {
-        '--motion': (args.motion, 'moves as its statements say'),
-        '--look-ahead': (args.look_ahead, 'takes points as its statements say'),
-        '--state-period': (args.state_period, 'sends when its statements say so'),
-        '--byte-order': (args.byte_order, 'has the byte order of its statements'),
+        '--motion': (args.motion, 'moves according to its statements'),
+        '--look-ahead': (args.look_ahead, 'accepts points according to its statements'),
+        '--state-period': (args.state_period, 'sends states according to its statements'),
+        '--byte-order': (args.byte_order, 'uses the byte order of its statements'),
     }
     return next(
         ((option, why) for option, (value, why) in given.items() if value is not None), None
@@ -246,40 +254,50 @@ def _program_port(text: str) -> tuple[int, int]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver sim_controller',
-        description='A simulated EPSON controller. SIGINT or SIGTERM ends it.',
+        **help_texts(
+            'Simulate an EPSON controller until SIGINT or SIGTERM.',
+            (
+                'sim_controller --robot c4_a601s --panel',
+                'sim_controller --controller rc700a --fault late_reply:seconds=3',
+            ),
+            '0 stopped by a signal, 1 a port is in use or the planner failed, 2 invalid arguments',
+        ),
         allow_abbrev=False,
     )
     parser.add_argument(
-        '--host', type=host, default='127.0.0.1', help='address to listen on (%(default)s)'
+        '--host',
+        type=host,
+        default='127.0.0.1',
+        help='address to listen on (default: %(default)s)',
     )
     for name, usual in _PORTS._asdict().items():
-        text = f"{name} port, 0 for any free one (the profile's, {usual} for simulated)"
+        text = f"{name} port (0: any free port, default: the profile's, {usual} for simulated)"
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
     parser.add_argument(
-        '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
+        '--robot', default='c3_a601s', help='robot model, or a .yaml file (default: %(default)s)'
     )
     parser.add_argument(
         '--controller',
         default='simulated',
-        help='controller profile, or a .yaml file (%(default)s)',
+        help='controller profile, or a .yaml file (default: %(default)s)',
     )
     parser.add_argument(
         '--profile-from',
         type=Path,
         metavar='FILE',
-        help='be like the robot of that first-run: its model, profile, motion and delays',
+        help='page of a first-run, to copy its model, profile, motion and delays',
     )
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
-        help='smooth: through all points without a stop; ptp: rest at every point (smooth)',
+        help='smooth: through all points without a stop; ptp: rest at every point '
+        '(default: smooth)',
     )
     parser.add_argument(
         '--program',
         type=Path,
         metavar='FOLDER',
-        help='run this SPEL+ project (or .prg file), not the built-in program or the one that the '
-        'profile names',
+        help="SPEL+ project or .prg file to run (default: the profile's, or the built-in program)",
     )
     parser.add_argument(
         '--define',
@@ -287,8 +305,7 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='another value in a #define line of the SPEL+ project; may be repeated (nothing '
-        'behind the = turns it off)',
+        help='new value for a #define line of the SPEL+ project, empty to disable it (repeatable)',
     )
     parser.add_argument(
         '--program-port',
@@ -296,25 +313,25 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='PORT=PORT',
-        help='where to listen for another TCP port that the SPEL+ program opens, 0 for any free '
-        'one; may be repeated (its own number, or a free one if that is taken)',
+        help='TCP port that the SPEL+ program opens = port to listen on (0: any free port, '
+        'repeatable, default: the same port, or a free one if it is in use)',
     )
     parser.add_argument(
         '--look-ahead',
         type=argument(number(*LOOK_AHEAD_S, 's')),
         metavar='SECONDS',
-        help="smooth motion: how far ahead of the arm it takes points (the profile's)",
+        help="look-ahead of smooth motion, s (default: the profile's)",
     )
     parser.add_argument(
         '--byte-order',
         choices=('little', 'big'),
-        help="byte order of all messages (the profile's)",
+        help="byte order of all messages (default: the profile's)",
     )
     parser.add_argument(
         '--state-period',
         type=argument(STATE_PERIOD),
         metavar='SECONDS',
-        help="time between two state messages (the profile's, 0.005 for simulated)",
+        help="state message period, s (default: the profile's, 0.005 for simulated)",
     )
     parser.add_argument(
         '--fault',
@@ -322,20 +339,23 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME[:KEY=VALUE,…]',
-        help='a fault from the start; may be repeated (`pendant fault kinds` lists them)',
+        help='initial fault (repeatable, `pendant fault kinds` lists them)',
     )
     parser.add_argument(
-        '--seed', type=argument(SEED), default=0, help='of the random faults (%(default)s)'
+        '--seed',
+        type=argument(SEED),
+        default=0,
+        help='seed for random faults (default: %(default)s)',
     )
     parser.add_argument(
         '--until-stdin-ends',
         action='store_true',
-        help='end when standard input, a pipe, is closed: with the process that has started it',
+        help='end when standard input is closed, together with the parent process',
     )
     parser.add_argument(
         '--panel',
         action='store_true',
-        help='start the browser panel as well, which shows the drivers that it finds in ROS',
+        help='start the browser panel too',
     )
     parser.add_argument(
         '--start',

@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.arguments import argument, help_texts, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE
@@ -92,7 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
             )
     except ValueError as error:
         raise _PlanError(f'{file}: {error}') from error
-    planned = f'all points at once, in {(time.perf_counter() - began) * 1e3:.0f} ms'
+    planned = f'one for all points, in {(time.perf_counter() - began) * 1e3:.0f} ms'
     output = arguments.output or Path(f'{file.stem}_smooth.yaml')
     picture = arguments.picture or Path(f'{file.stem}_smooth.png')
     written = every(fine, parts)
@@ -140,8 +140,9 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
     names = trajectory.joint_names
     if sorted(names) != sorted(limits.names):
         raise _PlanError(
-            f'{file}: its joints are {", ".join(names)}, the robot has {", ".join(limits.names)}: '
-            'rename them, or name another robot with --robot'
+            f'{file}: its joints are {", ".join(names)}, but the robot '
+            f'has {", ".join(limits.names)}: '
+            'rename them, or select another robot with --robot'
         )
     trajectory = trajectory.in_order(limits.names)
     if mode is Mode.TIME_PRESERVING and len(trajectory.times) > 1 and not trajectory.times.any():
@@ -164,14 +165,14 @@ def _table(study: Study, planned: str, look_ahead: float) -> Table:
         commanded = f'{asked:.3f} s{ratio}'
     stops = f'{ours.stops}'
     if ours.commanded_stops:
-        stops += f', and {ours.commanded_stops} that the plan asks for'
+        stops += f', and {ours.commanded_stops} in the plan'
     times = ours.duration / stop_and_go.duration if stop_and_go.duration else 1.0
     rows = (
         ('points', f'{len(study.plan.times)}'),
         ('duration', duration),
         ('commanded', commanded),
         ('point to point', f'{stop_and_go.duration:.3f} s, {times:.3f} times'),
-        ('stops on the way', stops),
+        ('intermediate stops', stops),
         ('highest velocity', f'{ours.velocity:.3f} of the limit'),
         ('highest acceleration', f'{ours.acceleration:.3f} of the limit'),
         ('highest jerk', f'{ours.jerk:.3f} of the limit'),
@@ -190,51 +191,57 @@ def _table(study: Study, planned: str, look_ahead: float) -> Table:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver smooth',
-        description='Makes a planned trajectory smooth: no stop on the way, inside every limit. '
-        'Writes it as a file, and draws it beside point-to-point motion and a plain spline.',
+        **help_texts(
+            'Smooth a planned trajectory within all joint limits and without intermediate stops, '
+            'and compare it with point-to-point motion and a plain spline.',
+            ('smooth plan.yaml', 'smooth plan.yaml --mode time_optimal --output fast.yaml'),
+            '0 done, 2 invalid arguments, 130 Ctrl-C',
+        ),
         allow_abbrev=False,
     )
-    parser.add_argument('file', type=Path, metavar='FILE', help='a JointTrajectory as YAML')
+    parser.add_argument('file', type=Path, metavar='FILE', help='JointTrajectory as YAML')
     parser.add_argument(
         '--mode',
         choices=[mode.value for mode in Mode],
         default=Mode.TIME_PRESERVING.value,
-        help='keep the times of the plan where the limits allow it, or keep its points only and '
-        'be as fast as the limits allow (%(default)s)',
+        help='times of the plan where the limits allow them, or as fast as the limits allow '
+        '(default: %(default)s)',
     )
     parser.add_argument(
         '--look-ahead',
         type=argument(number(MIN_LOOK_AHEAD_S, np.inf, 's')),
         default=np.inf,
         metavar='S',
-        help='how far ahead of the arm points are known, s, as in a stream (all points)',
+        help='look-ahead, s, like in a stream (default: all points)',
     )
     parser.add_argument(
         '--path-tolerance',
         type=argument(number(0.0, MAX_PATH_TOLERANCE, 'rad')),
         default=0.0,
         metavar='RAD',
-        help='how far beside the points, in every joint, the motion may pass, with times 0.001 or '
-        'more; the first and the last are met exactly (%(default)g)',
+        help='maximum joint deviation from the waypoints except the first and last (at least '
+        '0.001 if times are kept, default: %(default)g)',
     )
     parser.add_argument(
         '--keep-spline',
         action='store_true',
-        help='with --mode time_optimal: keep to the spline through the points, which bends less '
+        help='with --mode time_optimal: follow the spline through the points, which bends less '
         'between them than the fastest path',
     )
     parser.add_argument(
-        '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'
+        '--output', type=Path, metavar='FILE', help='smooth trajectory (default: NAME_smooth.yaml)'
     )
-    parser.add_argument('--picture', type=picture, metavar='FILE', help='(NAME_smooth.png)')
     parser.add_argument(
-        '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
+        '--picture', type=picture, metavar='FILE', help='plot file (default: NAME_smooth.png)'
+    )
+    parser.add_argument(
+        '--robot', default='c3_a601s', help='robot model, or a .yaml file (default: %(default)s)'
     )
     parser.add_argument(
         '--rate',
         type=argument(number(1.0, 1000.0, 'Hz')),
         default=250.0,
         metavar='HZ',
-        help='points per second (%(default)g)',
+        help='points per second (default: %(default)g)',
     )
     return parser

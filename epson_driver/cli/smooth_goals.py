@@ -7,6 +7,7 @@ import sys
 
 from rclpy.utilities import remove_ros_args
 
+from epson_driver.cli.arguments import help_texts
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
 from epson_driver.node.smooth_goals import DEFAULT_NAME, SmoothGoals
@@ -16,12 +17,16 @@ def main() -> int:
     """Run until SIGINT or SIGTERM and return the exit code of `run`."""
     parser = argparse.ArgumentParser(
         prog='epson_driver smooth_goals',
-        description='Takes FollowJointTrajectory goals on ~/follow_joint_trajectory, makes them '
-        "smooth inside the joints' limits, and hands them on to the action of another driver, "
-        'such as joint_trajectory_controller.',
-        epilog='ROS arguments: --ros-args -p action:=/joint_trajectory_controller/'
-        'follow_joint_trajectory -p limits_file:=joint_limits.yaml; `ros2 param describe` has the '
-        'others.',
+        **help_texts(
+            'Smooth FollowJointTrajectory goals within the joint limits, and forward them to the '
+            "action of another driver. `ros2 param describe` shows the node's parameters.",
+            (
+                'smooth_goals --ros-args -p limits_file:=joint_limits.yaml \\\n'
+                '    -p action:=/joint_trajectory_controller/follow_joint_trajectory',
+                'smooth_goals --ros-args -p robot_model:=c4_a601s',
+            ),
+            '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
+        ),
     )
     try:
         parser.parse_args(remove_ros_args(sys.argv)[1:])

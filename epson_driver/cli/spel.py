@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from ipaddress import IPv4Address
 from pathlib import Path
 
-from epson_driver.cli.arguments import FREE_PORT, argument, define
+from epson_driver.cli.arguments import FREE_PORT, argument, define, help_texts
 from epson_driver.cli.problem_formats import FORMATS, placed
 from epson_driver.inputs import InputError, Rule, count, number, shown
 from epson_driver.spel import (
@@ -28,7 +28,7 @@ FOUND = 1
 ADDRESS = Rule(lambda text: str(IPv4Address(text)), 'must be an IPv4 address')
 VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
 _FILES = (
-    'a project folder or its .sprj, or .prg files (with the .inc files beside them), or -: stdin'
+    'project folder or its .sprj, .prg files (with .inc files in the same folder), or -: stdin'
 )
 STDIN = 'stdin.prg'
 
@@ -58,7 +58,7 @@ def _net(text: str) -> tuple[int, NetSettings]:
         r'(2[01][0-9])=([^:=]*):([0-9]{1,5})(?::(CRLF|CR|LF))?', text, re.IGNORECASE
     )
     if found is None or not 201 <= int(found[1]) <= 216 or not 1 <= int(found[3]) <= 65_535:
-        said = f'{shown(text)}: must be 201=ADDRESS:PORT, with :CR, :LF or :CRLF behind it'
+        said = f'{shown(text)}: must be 201=ADDRESS:PORT[:CR|:LF|:CRLF]'
         raise argparse.ArgumentTypeError(said)
     ends = {'CR': '\r', 'LF': '\n'}
     end = ends.get((found[4] or '').upper(), '\r\n')
@@ -66,15 +66,15 @@ def _net(text: str) -> tuple[int, NetSettings]:
 
 
 def _add_surroundings(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--robot', default='c3_a601s', help='robot model (%(default)s)')
+    parser.add_argument('--robot', default='c3_a601s', help='robot model (default: %(default)s)')
     parser.add_argument(
-        '--controller', default='simulated', help='controller profile (%(default)s)'
+        '--controller', default='simulated', help='controller profile (default: %(default)s)'
     )
     parser.add_argument(
         '--stub',
         type=Path,
         metavar='FILE',
-        help='answers to what is not simulated (YAML: WORD: answers, in turn)',
+        help='answers of words that are not simulated (YAML: WORD: answers in order)',
     )
     parser.add_argument(
         '--net',
@@ -82,42 +82,63 @@ def _add_surroundings(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='201=ADDRESS:PORT',
-        help='a port as the system configuration of RC+ has it, without SetNet; may be repeated',
+        help='port settings of the system configuration in RC+ (repeatable)',
     )
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='epson_driver spel', description=__doc__)
+    codes = '0 no problem, 1 problems found, 2 invalid arguments'
+    parser = argparse.ArgumentParser(
+        prog='epson_driver spel',
+        **help_texts(
+            'Check, run, test and export SPEL+ programs without a robot and without RC+.',
+            ('spel check my_project', 'spel test my_project'),
+            codes,
+        ),
+    )
     commands = parser.add_subparsers(required=True, metavar='check|run|test|export')
-    checking = commands.add_parser('check', help='a linter: what is wrong, and what will be')
+    text = 'Find errors and probable mistakes in a program.'
+    examples = ('spel check my_project --strict', 'spel check main.prg --version 7 --format json')
+    checking = commands.add_parser('check', help=text, **help_texts(text, examples, codes))
     checking.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
     checking.add_argument(
         '--version',
         type=argument(VERSION),
         metavar='|'.join(map(str, VERSIONS)),
         default=VERSIONS[-1],
-        help='of RC+: 6 is RC620, 7 RC700 RC90 T VT, 8 RC800 (default: %(default)s)',
+        help='RC+ version to check against: 6 (RC620), 7 (RC700, RC90, T, VT) or 8 (RC800) '
+        '(default: %(default)s)',
     )
     checking.add_argument(
         '--format',
         choices=FORMATS,
         default='text',
-        help='lines of text, annotations of GitHub, SARIF 2.1, or a list in JSON (%(default)s)',
+        help='lines of text, GitHub annotations, SARIF 2.1, or a JSON list (default: %(default)s)',
     )
-    checking.add_argument('--strict', action='store_true', help='warnings fail as well')
+    checking.add_argument('--strict', action='store_true', help='exit code 1 for warnings too')
     checking.set_defaults(run=_check)
-    testing = commands.add_parser('test', help='run the functions named Test…')
+    text = 'Run the functions named Test… of a program on a simulated controller.'
+    examples = ('spel test my_project -k gripper', 'spel test my_project --junit results.xml')
+    testing = commands.add_parser('test', help=text, **help_texts(text, examples, codes))
     testing.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
-    testing.add_argument('-k', metavar='TEXT', default='', help='only tests with this in the name')
     testing.add_argument(
-        '--coverage', type=Path, metavar='FILE', help='write which lines ran, as Cobertura XML'
+        '-k', metavar='TEXT', default='', help='only tests with this text in the name'
     )
-    testing.add_argument('--junit', type=Path, metavar='FILE', help='write JUnit XML as well')
+    testing.add_argument(
+        '--coverage', type=Path, metavar='FILE', help='Cobertura XML file for the line coverage'
+    )
+    testing.add_argument(
+        '--junit', type=Path, metavar='FILE', help='JUnit XML file for the results'
+    )
     _add_surroundings(testing)
     testing.set_defaults(run=_test)
-    running = commands.add_parser('run', help='run a program on a simulated controller')
+    text = 'Run a program on a simulated controller.'
+    examples = ('spel run main.prg', 'spel run my_project --fast --seconds 60')
+    ends = '0 the program ended, 1 an error ended it, 2 invalid arguments, '
+    ends += '3 --seconds ended it, 130 Ctrl-C'
+    running = commands.add_parser('run', help=text, **help_texts(text, examples, ends))
     running.add_argument(
-        'program', type=Path, metavar='FILE', help='a project folder, its .sprj or a .prg'
+        'program', type=Path, metavar='FILE', help='project folder, its .sprj or a .prg file'
     )
     running.add_argument(
         '--define',
@@ -125,44 +146,48 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='another value in a #define line; may be repeated',
+        help='new value for a #define line (repeatable)',
     )
     running.add_argument(
         '--remote-port',
         type=argument(FREE_PORT),
         default=0,
         metavar='PORT',
-        help='where `pendant` reaches it (any free one, said on stderr)',
+        help='port for `pendant` (default: any free port, printed on stderr)',
     )
     running.add_argument(
         '--seconds',
         type=argument(number(0.001, 1e6, 's')),
         metavar='S',
-        help="end after this long, by the controller's clock, with exit code 3",
+        help="time limit by the controller's clock, s (default: none)",
     )
     running.add_argument(
         '--fast',
         action='store_true',
-        help="let the controller's time pass as fast as possible, without network (600 s at most)",
+        help="run the controller's clock as fast as possible, without network (at most 600 s)",
     )
     running.add_argument(
         '--setup',
         default='',
         metavar='STATEMENTS',
-        help='what the robot manager of RC+ keeps: "HomeSet 0, 0, 0, 0; TLSet 1, XY(0, 0, 50, 0)"',
+        help='settings of the robot manager in RC+: "HomeSet 0, 0, 0, 0; TLSet 1, XY(0,0,50,0)"',
     )
     _add_surroundings(running)
     running.set_defaults(run=_run)
-    exporting = commands.add_parser('export', help='a project for RC+ with our program')
-    exporting.add_argument('folder', type=Path, metavar='FOLDER', help='new, or empty')
+    text = 'Write an RC+ project with our controller program.'
+    example = 'spel export my_cell --robot c4_a601s --controller rc700a --address 192.168.0.1'
+    example_8 = 'spel export new_cell --robot c8_a701s --controller rc800 --address 192.168.0.2'
+    texts = help_texts(text, (example, example_8), '0 done, 2 invalid arguments')
+    exporting = commands.add_parser('export', help=text, **texts)
+    exporting.add_argument('folder', type=Path, metavar='FOLDER', help='new or empty folder')
     exporting.add_argument('--robot', required=True, help='robot model')
-    exporting.add_argument('--controller', required=True, choices=CONTROLLERS)
+    exporting.add_argument('--controller', required=True, choices=CONTROLLERS, help='controller')
     exporting.add_argument(
         '--address',
         required=True,
         type=argument(ADDRESS, str),
         metavar='A.B.C.D',
-        help='of the controller',
+        help="the controller's IP address",
     )
     exporting.set_defaults(run=_export)
     return parser
@@ -207,7 +232,7 @@ def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
         elif path.is_dir():
             files = read_project(path)
             if not any(name.lower().endswith(PROJECT) for name in files):
-                print(f'{path} has no .sprj: all its .prg files are built', file=sys.stderr)
+                print(f'{path} has no .sprj file: all its .prg files are built', file=sys.stderr)
             yield path, files
         else:
             single.setdefault(path.parent, {}).update(read_project(path))

@@ -92,7 +92,7 @@ def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
     if arguments.junit is not None:
         write_file(arguments.junit, _junit(results))
     if not results:
-        print('no function is named Test…')
+        print('no functions named Test… found')
         return FOUND
     lines = covered(results)
     if arguments.coverage is not None:
@@ -162,11 +162,11 @@ def export(arguments: argparse.Namespace) -> int:
     """Write the project into a new or empty folder. Raises InputError, OSError."""
     folder: Path = arguments.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f'{printable(folder)}: must be a new or an empty folder')
+        raise InputError(f'{printable(folder)}: must be a new or empty folder')
     name = folder.resolve().name
     if re.fullmatch(r'[A-Za-z0-9_-]{1,24}', name) is None:
-        said = "is the project's name: must be 1 to 24 letters, digits, - and _"
-        raise InputError(f'{printable(folder)}: {said}')
+        rule = 'the name of a project must be 1 to 24 letters, digits, - and _'
+        raise InputError(f'{printable(folder)}: {rule}')
     version = CONTROLLERS[arguments.controller]
     files = read_project(share_folder('controller_program'))
     defines = robot_defines(files, load_robot_model(arguments.robot))
@@ -180,5 +180,5 @@ def export(arguments: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     for each, content in exported(name, files, version, datetime.now(UTC)).items():
         write_file(folder / each, content)
-    print(f'{printable(folder)}: open {printable(name)}.sprj in RC+, then build it')
+    print(f'{printable(folder)}: open {printable(name)}.sprj in RC+ and build it')
     return 0

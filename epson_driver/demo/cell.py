@@ -121,7 +121,7 @@ def stay(driver: RunningDriver, panel: str | None, console: Console) -> None:
 
     `panel`: its address. Raises RunError if the driver ends.
     """
-    console.print('controller and driver go on until Ctrl-C; in another terminal:')
+    console.print('controller and driver keep running until Ctrl-C. In another terminal:')
     for name in ENVIRONMENT:
         console.print(f'export {name}={os.environ[name]}', highlight=False)
     if panel is not None:

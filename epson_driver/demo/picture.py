@@ -89,7 +89,7 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: Joi
     figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
     figure.suptitle(
         f'{len(trajectory.times)} points, planned to take {trajectory.duration:.2f} s, as '
-        'measured (dots: the points, where the arm passed them)',
+        'measured (dots: the points when the arm passed them)',
         fontsize=11,
     )
     save_picture(path, figure)
@@ -112,12 +112,12 @@ def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fast
         )
         below.plot(times, run.velocities[shown, joint], color=colour, linewidth=1.3)
     stops = figures.stops + figures.commanded_stops
-    said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
+    text = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
     above.set_title(
-        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, at most {fastest}',
+        f'{drawn.title}: {figures.moved:.2f} s, {text} during the motion, at most {fastest}',
         fontsize=10.5,
     )
-    below.set_xlabel('time since the arm began to move [s]')
+    below.set_xlabel('time since the start of the motion [s]')
     for axes in (above, below):
         axes.grid(alpha=0.3)
         axes.margins(x=0.01)

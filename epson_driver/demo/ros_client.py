@@ -137,7 +137,7 @@ class RosClient:
     def recording(self) -> Recording:
         """Return the joint states received during the last goal, joints in `joint_names` order."""
         if not self._states:
-            raise RunError('no joint states came while the goal ran')
+            raise RunError('no joint states received during the goal')
         return Recording(
             np.array([_stamp(state) for state in self._states]),
             np.array([s.position for s in self._states]),

@@ -62,14 +62,14 @@ def verdict(faults: Sequence[str], missed: int, longest_gap: float) -> tuple[int
     machine was.
     """
     if not faults:
-        return 0, 'the arm did what was planned'
+        return 0, 'the arm followed the plan'
     if missed or longest_gap > MAX_GAP_S:
         return TOO_BUSY, (
             f'this machine was too busy to judge the motion: the simulated controller missed '
             f'{missed} of its deadlines, and joint states were up to {longest_gap * 1e3:.0f} ms '
-            f'apart ({"; ".join(faults)}); try again when less is running'
+            f'apart ({", ".join(faults)}). Try again with a lower load'
         )
-    return 1, f'the motion was not as planned: {"; ".join(faults)}'
+    return 1, f'the motion differs from the plan: {", ".join(faults)}'
 
 
 def run(
@@ -131,12 +131,12 @@ class Run:
         faults = []
         if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
-                f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad, '
-                f'{MAX_DEVIATION_RAD:g} rad are allowed'
+                f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad '
+                f'(allowed: {MAX_DEVIATION_RAD:g} rad)'
             )
         if self.motion != 'ptp' and self.figures.stops:
             times = 'once' if self.figures.stops == 1 else f'{self.figures.stops} times'
-            faults.append(f'the arm stopped {times} on the way')
+            faults.append(f'the arm stopped {times} during the motion')
         return faults
 
 
@@ -305,7 +305,7 @@ def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[st
     median = round_trips[len(round_trips) // 2] * 1e3
     stops = f'{figures.stops}'
     if figures.commanded_stops:
-        stops += f', and {figures.commanded_stops} that the plan asks for'
+        stops += f', and {figures.commanded_stops} in the plan'
     return (
         ('result', run.text),
         ('points', f'{len(trajectory.times)}'),
@@ -314,7 +314,7 @@ def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[st
             f'{figures.moved:.2f} s, planned {figures.planned:.2f} s '
             f'({figures.moved / figures.planned:.2f} times)',
         ),
-        ('stops on the way', stops),
+        ('intermediate stops', stops),
         ('highest velocity', top_speed(run.recording, model.limits)),
         ('worst deviation at a waypoint', f'{figures.waypoint_deviation * 1e3:.2f} mrad'),
         ('deviation at the end', f'{figures.end_deviation * 1e3:.4f} mrad'),
@@ -326,7 +326,7 @@ def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[st
             'reply to a point',
             f'median {latencies.get("reply latency median [ms]", "?")} ms, '
             f'p99 {latencies.get("reply latency p99 [ms]", "?")} ms '
-            f'({"after the move" if run.motion == "ptp" else "as its buffer has room"})',
+            f'({"after the move" if run.motion == "ptp" else "when its buffer has room"})',
         ),
         (
             'round trip to the controller',

@@ -61,11 +61,11 @@ def why_not_to_ask(state: Conversation) -> str:
     """Return why the motion port must not be used now, or '' if it may be used."""
     status = latest_status(state.heard)
     if status is None:
-        return 'no STATUS came: nobody knows whether the motors are off'
+        return 'no STATUS received, so it is unknown whether the motors are off'
     if status.in_motion == TriState.TRUE:
-        return 'the arm moves'
+        return 'the arm is moving'
     if status.drives_powered != TriState.FALSE:
-        return 'the motors are on, or nobody knows: a client that leaves could stop the arm'
+        return 'the motors are on or unknown, and a disconnecting client could stop the arm'
     return ''
 
 
@@ -83,28 +83,28 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
                 _tell_of_silence(motion, findings)
                 return facts
             facts |= _reply_facts(reply)
-            text = f'answers a STOP after {took} with {_described(reply)}'
+            text = f'replied to STOP after {took} with {_described(reply)}'
             findings.ok('motion port', text)
             facts['ports.motion'] = port
             if facts['program.kind'] == 'points':
                 facts |= await _ask_points(motion, state)
     except NoConnectionError as error:
-        remedy = 'start the motion program; check motion_port and the firewall'
+        remedy = 'start the motion program, check motion_port and the firewall'
         findings.wrong('motion port', f'{host}:{port}: {error}', remedy)
         return facts
     if await _serves_again(host, port, motion):
-        findings.ok('motion port', 'serves the next client when one has left')
+        findings.ok('motion port', 'accepts a new client after the last one disconnects')
     else:
-        text = 'serves nobody after its client has left'
-        findings.wrong('motion port', text, f'{RESTART} each time the driver has been stopped')
+        text = 'does not accept a new client after the last one disconnects'
+        findings.wrong('motion port', text, f'{RESTART} after each stop of the driver')
     return facts
 
 
 def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
     if motion.heard.ended:
-        text = f'{motion.heard.ended} as soon as it was open: it has a client already'
-        findings.doubt = 'the motion port has a client already'
-        remedy = f'if that is not the driver, stop it, as the ROS 1 node; or {RESTART}'
+        text = f'{motion.heard.ended} immediately: another client is connected'
+        findings.doubt = 'another client is connected to the motion port'
+        remedy = f'if it is not the driver, stop it (such as the ROS 1 node), or {RESTART}'
         findings.note('motion port', text, remedy)
         return
     text = f'no reply to a STOP within {REPLY_TIMEOUT_S:g} s'
@@ -182,8 +182,8 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
         return {}
     if reply is None or not isinstance(reply.message, IoInfoReply):
         silent = link.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
-        how = silent if reply is None else 'refused: its task does not run, or is stopped'
-        remedy = f'stop the other client, or {RESTART}; without I/O: io_port 0'
+        how = silent if reply is None else 'refused: its task is not running, or is stopped'
+        remedy = f'stop the other client, or {RESTART}, or set io_port to 0 (no I/O)'
         findings.wrong('I/O port', f'IO_INFO: {how}', remedy)
         return {}
     counts = dict.fromkeys(IO_KEYS.values(), 0)
@@ -223,20 +223,20 @@ async def ask_remote_port(
             flags, number = await ask_flags(ask)
             device = await ask_control_device(ask)
     except RemoteError as error:
-        findings.wrong('remote port', str(error), 'check the password; set it in RC+ and here')
+        findings.wrong('remote port', str(error), 'check the password in RC+ and here')
         return {}, []
     except (TimeoutError, ConnectionError) as error:
         text = str(error) or f'no answer within {REPLY_TIMEOUT_S:g} s'
         remedy = 'enable Remote Ethernet in RC+ (an RC620 has none: remote_port 0)'
         if isinstance(error, HungUpError):
-            remedy = 'it serves one client: stop the other one, which may be the driver'
+            remedy = 'it accepts one client: stop the other one, which may be the driver'
         findings.wrong('remote port', text, remedy)
         return {}, []
-    said = f'Remote Ethernet answers: {", ".join(flags) or "no flag set"}'
-    findings.ok('remote port', f'{said}; error {texts.phrase(number)}' if number else said)
+    text = f'Remote Ethernet replies: {", ".join(flags) or "no flag set"}'
+    findings.ok('remote port', f'{text}, error {texts.phrase(number)}' if number else text)
     runs = 'Running' in flags
     if runs:
-        text = 'a program runs: until it is stopped, motors stay as they are and no reset is taken'
+        text = 'a program is running: until it stops, motor commands and resets are refused'
         findings.note('remote port', text, 'program.motors: restart in the profile')
     found = [flags_inhibit(flags, number, texts), device_inhibit(device)]
     if needs_main and not runs and 'Paused' not in flags:

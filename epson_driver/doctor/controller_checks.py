@@ -110,7 +110,7 @@ def _name_tasks(findings: Findings) -> None:
     missing = [task for port, task in SERVERS.items() if port in looked_at - well]
     if missing:
         text = f'RC+ must show {" and ".join(missing)} in its Task Manager'
-        remedy = 'if not: BgMain (65) starts them, see Preferences, background tasks'
+        remedy = 'if not: BgMain (65) starts them (Preferences, background tasks)'
         findings.note('SPEL+ program', text, remedy)
 
 
@@ -136,7 +136,7 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
 
 async def _check_remote(question: Question, findings: Findings) -> Facts:
     """Check a controller that is used through Remote Ethernet only, and return the facts."""
-    findings.busy('asking the remote port')
+    findings.busy('querying the remote port')
     texts = load_error_texts(question.profile.error_texts)
     units = question.model.limits.units
     facts, held = await ask_remote_port(
@@ -150,16 +150,16 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
         told = await ask_joints(question.host, question.remote_port, question.password, units)
     except (RemoteError, TimeoutError, ConnectionError) as error:
         text = str(error) or 'no answer'
-        findings.wrong('joints', text, 'stop what runs in the controller: it must be Ready')
+        findings.wrong('joints', text, 'stop the running program: the controller must be Ready')
         return {}
     joints, motors = told
     _check_positions(joints, question.model, findings)
     findings.ok(ARM, f'the motors are {"on" if motors else "off: the driver switches them on"}')
     findings.note(
         'Remote Ethernet alone',
-        'joint moves, lines and arcs one by one, no streams, no plans of points, no joint states '
-        'while the arm moves',
-        'for these load the controller program',
+        'only single joint moves, lines and arcs, no streams, no trajectories of several points, '
+        'no joint states during a motion',
+        'load the controller program for more',
     )
     return {'ports.remote': question.remote_port}
 
@@ -171,10 +171,10 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     loop = asyncio.get_running_loop()
     began = loop.time()
     if await state.ended_within(AT_ONCE_S) and not heard.packets:
-        text = f'{heard.ended} at once: it has a client already, or its program has ended'
+        text = f'{heard.ended} immediately: another client is connected, or its program has ended'
         remedy = (
-            'stop the other client, which may be the driver or the ROS 1 node; else start the '
-            'program again'
+            'stop the other client, which may be the driver or the ROS 1 node, or restart the '
+            'program'
         )
         findings.wrong('state port', text, remedy)
         return {}
@@ -187,30 +187,34 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
         findings.busy(f'listening to the state port, {max(ends - loop.time(), 0.0):.0f} s more')
     listened = loop.time() - began
     drift = (time.time() - wall) - (time.monotonic() - monotonic)
-    findings.busy('looking at what came')
+    findings.busy('evaluating the messages')
     motion = (question.host, question.motion_port)
     if await tell_of_no_state(state, listened, motion, findings, question.may_ask):
         return {}
     handshake = f'handshake {heard.handshake * 1e3:.1f} ms'
-    findings.ok('state port', f'{question.host}:{question.state_port} accepts; {handshake}')
+    findings.ok('state port', f'{question.host}:{question.state_port} accepts, {handshake}')
     if heard.ended:
         text = f'{heard.ended} after {listened:.1f} s'
-        remedy = 'was the controller switched off, has its program ended, is a cable out?'
+        remedy = (
+            'check whether the controller is off, its program has ended, or a cable is unplugged'
+        )
         findings.wrong('state port', text, remedy)
     elif (silent := silence(heard)) > FELL_SILENT_S + heard.lateness:
-        text = f'{len(heard.packets)} messages came, then none for {silent:.1f} s: half-open'
-        remedy = 'is a cable out, the controller off, or does its state task hang?'
+        text = f'{len(heard.packets)} messages received, then none for {silent:.1f} s: half-open'
+        remedy = (
+            'check whether a cable is unplugged, the controller is off, or its state task is stuck'
+        )
         _wrong_unless_busy(heard, findings, 'state port', text, remedy)
     if heard.lateness > LATE_S:
-        text = f'it is busy: a timer came up to {heard.lateness * 1e3:.0f} ms late'
-        findings.note('this machine', text, 'times below may be off by that much')
+        text = f'busy: a timer was up to {heard.lateness * 1e3:.0f} ms late'
+        findings.note('this machine', text, 'times below may be wrong by this amount')
     _tell_messages(state, listened, findings)
     _tell_condition(question, state, findings)
     if abs(drift) > CLOCK_JUMP_S:
-        text = f"this machine's clock was set by {drift:.2f} s while it was listened"
-        findings.note('clock', text, 'stamps of ROS jump with it: keep it with chrony or NTP')
+        text = f"this machine's clock was set by {drift:.2f} s during the check"
+        findings.note('clock', text, 'ROS time stamps jump too: synchronise it with chrony or NTP')
     else:
-        findings.ok('clock', "this machine's clock was not set while it was listened")
+        findings.ok('clock', "this machine's clock was not set during the check")
     if heard.ended:
         return {}
     return facts | state_facts(heard) | {'ports.state': question.state_port}
@@ -224,7 +228,7 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
     seen = seen_inhibit(status, texts)
     held = [] if seen is None else [seen]
     if question.may_ask and question.remote_port:
-        findings.busy('asking the remote port')
+        findings.busy('querying the remote port')
         needs_main = question.profile.program.motors == 'restart'
         facts, told = await ask_remote_port(
             question.host, question.remote_port, question.password, findings, texts, needs_main
@@ -240,11 +244,11 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
         tell_inhibit(each, findings)
     unknown = [name for name in NEEDED if getattr(status, name) == TriState.UNKNOWN]
     if not held and unknown:
-        text = f'whether it could move is not known: {", ".join(unknown)} UNKNOWN in STATUS'
+        text = f'unknown whether it can move: {", ".join(unknown)} UNKNOWN in STATUS'
         findings.doubt = text
-        findings.note(ARM, text, 'look at the controller')
+        findings.note(ARM, text, 'check at the controller')
     elif not held:
-        findings.ok(ARM, 'could move: motors on, no E-stop, no error, not at MANUAL')
+        findings.ok(ARM, 'can move: motors on, no E-stop, no error, not at MANUAL')
     return facts
 
 
@@ -255,8 +259,8 @@ def _wrong_unless_busy(
     if heard.lateness <= BUSY_S:
         findings.wrong(about, found, remedy)
         return
-    findings.doubt = 'this machine was too busy to tell whether all of it comes in time'
-    findings.note(about, found, f'look again when this machine has time; then: {remedy}')
+    findings.doubt = 'this machine was too busy to judge the timing'
+    findings.note(about, found, f'repeat it with a lower load on this machine, then: {remedy}')
 
 
 def _tell_messages(state: Conversation, listened: float, findings: Findings) -> None:
@@ -266,9 +270,9 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
     dialect = heard.packets[0][1].dialect
     findings.ok('byte order', f'{dialect.byte_order.name.lower()}-endian, {dialect.real.name}')
     if len(joints) < 2 or joints[0] == joints[-1]:
-        at_once = ', all at once' if len(joints) > 1 else ''
+        at_once = ', all simultaneously' if len(joints) > 1 else ''
         text = f'{len(joints)} in {listened:.1f} s{at_once}'
-        remedy = 'the state task must send JOINT_POSITION again and again'
+        remedy = 'the state task must send JOINT_POSITION periodically'
         _wrong_unless_busy(heard, findings, 'joint states', text, remedy)
         return
     gap = float(np.diff(joints).max())
@@ -276,13 +280,13 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
     period = found or (joints[-1] - joints[0]) / (len(joints) - 1)
     text = f'{1.0 / period:.1f} Hz, longest gap {gap * 1e3:.0f} ms'
     if gap > LONGEST_GAP_S + state.heard.lateness:
-        remedy = 'look at the state task and at the network'
+        remedy = 'check the state task and the network'
         _wrong_unless_busy(heard, findings, 'joint states', text, remedy)
     else:
         findings.ok('joint states', text)
     if not others:
-        remedy = 'the program must send STATUS: without it nothing says whether the arm may move'
-        findings.wrong('STATUS', 'none came', remedy)
+        remedy = 'the program must send STATUS, which shows whether the arm may move'
+        findings.wrong('STATUS', 'none received', remedy)
     else:
         findings.ok(
             'STATUS',
@@ -304,7 +308,7 @@ def _tell_condition(question: Question, state: Conversation, findings: Findings)
     ]
     if unknown:
         text = f'{", ".join(unknown)} UNKNOWN'
-        findings.note('STATUS fields', text, 'the driver then goes by positions and replies')
+        findings.note('STATUS fields', text, 'the driver uses positions and replies instead')
     else:
         findings.ok('STATUS fields', 'all are filled')
     if status.error_code and status.in_error != TriState.TRUE:
@@ -316,7 +320,7 @@ def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Fin
     limits, count = model.limits, len(model.joint_names)
     beyond = [number + 1 for number in range(count, len(joints)) if joints[number] != 0.0]
     if not np.all(np.isfinite(joints)):
-        findings.wrong('joints', f'{joints} are not all numbers', 'look at the state task')
+        findings.wrong('joints', f'{joints} must be finite numbers', 'check the state task')
         return
     for name, value, low, high in zip(
         limits.names, joints, limits.position_min, limits.position_max, strict=False
@@ -327,7 +331,7 @@ def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Fin
             findings.wrong('joints', text, remedy)
             return
     if beyond:
-        text = f'joint {beyond[0]} is not 0, but a {model.name} has {count}'
+        text = f'joint {beyond[0]} is not 0, but a {model.name} has {count} joints'
         findings.note('joints', text, 'check --robot (robot_model)')
     else:
         shown = ', '.join(f'{value:.4f}' for value in joints[:count])
@@ -337,16 +341,16 @@ def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Fin
 async def _ask(question: Question, state: Conversation, findings: Findings) -> Facts:
     facts: Facts = {}
     if not question.may_ask and not question.may_use_io:
-        findings.skipped('motion, I/O, remote port', 'not opened', 'allow it: --ask, --io')
+        findings.skipped('motion, I/O, remote port', 'not opened', 'permit it with --ask, --io')
         return facts
     reason = why_not_to_ask(state)
     if reason:
-        findings.skipped('motion, I/O port', reason, 'switch the motors off, then again')
+        findings.skipped('motion, I/O port', reason, 'switch the motors off, then repeat')
         return facts
     if question.may_ask:
-        findings.busy('counting the clients that the state port takes')
+        findings.busy('counting the clients that the state port accepts')
         facts |= await count_state_clients(question.host, question.state_port)
-    findings.busy('asking the motion and the I/O port')
+    findings.busy('querying the motion and the I/O port')
     if question.may_use_io and question.io_port:
         facts |= await ask_io_port(question.host, question.io_port, state, findings)
     if question.may_ask:  # last, because a program that serves one client once ends after it
@@ -361,10 +365,10 @@ def _compare(profile: ControllerProfile, facts: Facts, findings: Findings) -> No
     for key, value, held in found:
         shown = value
         if isinstance(value, float) and isinstance(held, float):
-            shown = f'{value:.4g} (more than {tolerance(value, held):.2g} off)'
-        text = f'{key} is {shown}, the profile {profile.name} says {held}'
-        remedy = 'choose another profile, or make one: epson_driver doctor --learn FILE'
+            shown = f'{value:.4g} (tolerance {tolerance(value, held):.2g})'
+        text = f'{key} is {shown}, but {held} in the profile {profile.name}'
+        remedy = 'select another profile, or create one: epson_driver doctor --learn FILE'
         findings.wrong('profile', text, remedy)
     if not found:
-        told = f'{profile.name} ({profile.description}) fits in {len(facts)} keys'
-        findings.ok('profile', told)
+        text = f'{profile.name} ({profile.description}) matches in {len(facts)} keys'
+        findings.ok('profile', text)

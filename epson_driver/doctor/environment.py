@@ -39,7 +39,7 @@ BUILD = (
 )
 
 OTHER_PACKAGE = (
-    'another package of that name comes first: take its folder out of PYTHONPATH or '
+    'another package with that name comes first: remove its folder from PYTHONPATH or '
     'AMENT_PREFIX_PATH'
 )
 
@@ -108,7 +108,10 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
     elif distribution:
         findings.ok('ROS', f'{distribution} ({environment.get("AMENT_PREFIX_PATH", "")})')
     else:
-        findings.note('ROS', 'no ROS_DISTRO: no ROS workspace is sourced; a pip environment?')
+        findings.note(
+            'ROS',
+            'ROS_DISTRO is not set: no ROS workspace is sourced, or this is a pip environment',
+        )
     _check_ros(findings, environment)
     _check_discovery(findings, environment)
     _check_shared_memory(findings)
@@ -126,19 +129,19 @@ def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
         )
     except subprocess.TimeoutExpired:
         text = f'importing rclpy took more than {ASK_TIMEOUT_S:g} s'
-        findings.wrong('ROS', text, 'look at RMW_IMPLEMENTATION and at the disk')
+        findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION and the disk')
         return
     try:
         found = json.loads(asked.stdout.rpartition('\n')[2])
     except ValueError:
-        last = (asked.stderr.strip().splitlines() or ['nothing was said'])[-1]
+        last = (asked.stderr.strip().splitlines() or ['no output'])[-1]
         text = f'importing ROS ended with {asked.returncode}: {last}'
-        findings.wrong('ROS', text, 'look at RMW_IMPLEMENTATION; source only one ROS distribution')
+        findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION, source only one ROS distribution')
         return
     for name, fields in DEFINITIONS.items():
         _check_definition(findings, name, fields, found[name])
     if 'rclpy' in found:
-        findings.wrong('rclpy', found['rclpy'], f'{BUILD}; look at RMW_IMPLEMENTATION')
+        findings.wrong('rclpy', found['rclpy'], f'{BUILD}, or check RMW_IMPLEMENTATION')
     else:
         findings.ok('middleware', found['rmw'])
 
@@ -150,39 +153,39 @@ def _check_definition(
     if isinstance(found, str):
         remedy = BUILD
         if found.endswith(']'):  # it was imported, but it is another package of that name
-            remedy = f'{OTHER_PACKAGE}; or {BUILD}'
+            remedy = f'{OTHER_PACKAGE}, or {BUILD}'
         findings.wrong(about, found, remedy)
     elif lacking := [field for field in fields if field not in found[1:]]:
         text = f'its definition lacks {", ".join(lacking)} [{found[0]}]'
         findings.wrong(about, text, OTHER_PACKAGE)
     else:
-        findings.ok(about, f'has the {len(fields)} fields that are used')
+        findings.ok(about, f'has all {len(fields)} required fields')
 
 
 def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None:
     domain = environment.get('ROS_DOMAIN_ID', '')
     if not domain:
-        text = '0 (ROS_DOMAIN_ID is not set): shared with everybody on this network who sets none'
-        findings.note('domain', text, 'set ROS_DOMAIN_ID to a number of your own, 1 to 101')
+        text = '0 (ROS_DOMAIN_ID is not set), the default of all machines on this network'
+        findings.note('domain', text, 'set ROS_DOMAIN_ID to an unused number from 1 to 101')
     elif not domain.isdecimal() or int(domain) > 232:
-        text = f'ROS_DOMAIN_ID = {domain!r} is not a number from 0 to 232'
+        text = f'ROS_DOMAIN_ID = {domain!r}: must be a number from 0 to 232'
         findings.wrong('domain', text, 'set it to a number from 1 to 101')
     elif int(domain) not in SAFE_DOMAINS:
-        text = f'{domain}: its ports may be taken by other programs'
+        text = f'{domain}: other programs may use its ports'
         findings.note('domain', text, 'choose one from 1 to 101')
     else:
         findings.ok('domain', domain)
     reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '')
     if reach and reach not in RANGES:
-        text = f'ROS_AUTOMATIC_DISCOVERY_RANGE = {reach!r} is none'
+        text = f'ROS_AUTOMATIC_DISCOVERY_RANGE = {reach!r} is invalid'
         findings.wrong('discovery range', text, f'must be {" or ".join(RANGES)}')
     elif reach == 'LOCALHOST':
-        findings.ok('discovery range', 'LOCALHOST: only this machine takes part')
+        findings.ok('discovery range', 'LOCALHOST: only this machine')
     elif reach == 'OFF':
         remedy = 'set it to LOCALHOST or SUBNET'
-        findings.wrong('discovery range', 'OFF: no other node will be found', remedy)
+        findings.wrong('discovery range', 'OFF: other nodes cannot be found', remedy)
     else:
-        text = f'{reach or "SUBNET (not set)"}: everybody on this network can move the robot'
+        text = f'{reach or "SUBNET (not set)"}: every machine on this network can move the robot'
         findings.note('discovery range', text, 'LOCALHOST, or a closed network (docs/security.md)')
     if environment.get('ROS_LOCALHOST_ONLY', '0') not in ('', '0'):
         text = 'ROS_LOCALHOST_ONLY is set, which overrides the discovery range'
@@ -191,24 +194,26 @@ def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None
 
 def _check_shared_memory(findings: Findings) -> None:
     """Check for causes of failure of Fast DDS' shared memory. Our processes use UDP."""
-    about, remedy = 'shared memory', 'start it again, with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
+    about, remedy = 'shared memory', 'restart it with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
     for process in PROCESSES.glob('[0-9]*'):
         with contextlib.suppress(OSError):  # another user's, or it has ended
             maps = (process / 'maps').read_text('utf-8', 'replace')
             if re.search(rf'{SHARED}/fast\S* \(deleted\)', maps):
-                text = f'its files of process {process.name} were removed: no message arrives'
-                findings.wrong(about, text, f'{remedy}; keep RemoveIPC=no in {LOGIND}')
+                text = f'the files of process {process.name} were removed, so messages are lost'
+                findings.wrong(about, text, f'{remedy}, and set RemoveIPC=no in {LOGIND}')
     users: set[int] = set()
     for path in SHARED.glob('fast*'):
         with contextlib.suppress(OSError):  # its process has ended
             users.add(path.stat().st_uid)
     if users := users - {os.geteuid()}:
-        text = f'user {", ".join(map(str, users))} uses it, too: no message passes between users'
+        text = f'user {", ".join(map(str, users))} uses it too: messages between users are lost'
         findings.note(about, text, f'run programs as one user, or {remedy}')
     settings = ''
     for path in (LOGIND, *LOGIND.parent.glob('logind.conf.d/*.conf')):
         with contextlib.suppress(OSError):  # not for this user
             settings += path.read_text('utf-8', 'replace') + '\n'
     if settings and not re.search(r'^RemoveIPC=(no|false|0)', settings, re.MULTILINE):
-        text = f'systemd removes the files of a user who logs out: no RemoveIPC=no in {LOGIND}'
-        findings.note(about, text, 'add it, or use UDP as this driver does')
+        text = (
+            f'systemd removes the files of a user at logout: RemoveIPC=no is missing in {LOGIND}'
+        )
+        findings.note(about, text, 'add it, or use UDP like this driver')

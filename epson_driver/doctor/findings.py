@@ -88,7 +88,7 @@ class Findings:
             said.append(f'the arm cannot move: {held.found}')
         elif self.doubt:
             said.append(self.doubt)
-        return '; '.join(said) or 'nothing is wrong'
+        return ', '.join(said) or 'nothing is wrong'
 
 
 def as_text(findings: Findings, head: Sequence[str]) -> str:
@@ -120,12 +120,12 @@ WORDS = {
     Remedy.RELEASE_ESTOP: 'release it, ~/reset_error (or reset at the controller), then ~/enable',
     Remedy.RESET: '~/reset_error, then ~/enable',
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then ~/enable',
-    Remedy.ENABLE: '~/enable (where it can, the driver switches the motors on); if they stay off, '
+    Remedy.ENABLE: '~/enable (the driver switches the motors on if it can). If they stay off, '
     'close the safeguard',
     Remedy.CLOSE_SAFEGUARD: 'close it, reset or continue at the controller, then ~/enable',
     Remedy.START_MAIN: 'start main at the controller, or ~/enable',
-    Remedy.LOOK_AT_CONTROLLER: 'close the safeguard, continue or start main there; with --ask the '
-    'remote port, if there is one, tells which',
+    Remedy.LOOK_AT_CONTROLLER: 'close the safeguard, continue or start main there (with --ask, a '
+    'remote port shows which)',
 }
 
 
@@ -154,6 +154,4 @@ def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> No
         )
         tell_inhibit(found, findings, who)
     if not drivers:
-        findings.skipped(
-            'driver', 'none runs in this ROS domain: nothing is known of its arm gate'
-        )
+        findings.skipped('driver', 'not running in this ROS domain, so its arm gate is unknown')

@@ -11,54 +11,54 @@ from epson_driver.doctor.state_facts import Facts
 from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import RULES
 
-_MOTION = 'it takes a motion to see it, and the doctor moves nothing'
-_PERSON = 'only a person knows'
-_CHOICE = 'what the driver sends of a plan is the choice of a person'
+_MOTION = 'it is visible in a motion only, and the doctor moves nothing'
+_PERSON = 'must be entered by hand'
+_CHOICE = 'the conversion of trajectories is a choice of the user'
 
 NOT_FOUND: Mapping[str, str] = {
     'name': 'the name of the file',
     'description': _PERSON,
-    'approximate': 'what was not found out is written here',
-    'error_texts': f'which table lists its error numbers, {_PERSON}',
-    'mode': 'no STATUS said where the key switch is',
-    'byte_order': 'no message came',
-    'ports.state': 'no message came',
-    'ports.motion': 'not asked (see --ask), or not answered',
-    'ports.io': 'not asked (see --io), or not answered',
-    'ports.remote': 'not asked (see --remote-port and --ask), or not answered',
+    'approximate': 'the unknown keys are listed here',
+    'error_texts': f'the table of its error numbers {_PERSON}',
+    'mode': 'no STATUS showed the key switch',
+    'byte_order': 'no message received',
+    'ports.state': 'no message received',
+    'ports.motion': 'not queried (see --ask), or no reply',
+    'ports.io': 'not queried (see --io), or no reply',
+    'ports.remote': 'not queried (see --remote-port and --ask), or no reply',
     'motion.': _MOTION,
     'servo.': _MOTION,
-    'program.interface': 'how trajectories are handed over is the choice of a person',
-    'program.kind': 'not asked (see --ask), or not answered',
-    'program.reply': 'not asked (see --ask), or it has no replies of that kind',
+    'program.interface': 'the transfer of trajectories is a choice of the user',
+    'program.kind': 'not queried (see --ask), or no reply',
+    'program.reply': 'not queried (see --ask), or it has no replies of this kind',
     'program.acknowledge': _MOTION,
     'program.check_sequence': _MOTION,
-    'program.check_limits': 'a point outside the limits is not sent to a robot to try it out',
+    'program.check_limits': 'no point outside the limits is sent to a robot for a test',
     'program.uses': _MOTION,
-    'program.late_failure': 'a point outside the limits is not sent to a robot to try it out',
-    'program.accepts': 'it takes a wrong message to see it, which can end a program',
-    'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
+    'program.late_failure': 'no point outside the limits is sent to a robot for a test',
+    'program.accepts': 'it is visible after an invalid message only, which can end a program',
+    'program.special_sequences': 'not queried (see --ask), or it has no special sequences',
     'program.skip_first': _MOTION,
-    'program.motors': 'not asked (see --remote-port and --ask), or not answered',
+    'program.motors': 'not queried (see --remote-port and --ask), or no reply',
     'program.smoothing': _CHOICE,
     'program.resample_period': _CHOICE,
     'program.setpoint_period': _CHOICE,
     'program.thin_deviation': _CHOICE,
     'program.download.': _MOTION,
-    'state.period': 'too few messages came',
-    'state.joint_positions_per_status': 'too few messages came',
-    'state.status_with_joints': 'too few messages came',
-    'state.message': 'no joints came',
+    'state.period': 'too few messages received',
+    'state.joint_positions_per_status': 'too few messages received',
+    'state.status_with_joints': 'too few messages received',
+    'state.message': 'no joints received',
     'state.feedback_time': 'it sends no JOINT_FEEDBACK',
-    'state.errors': 'it takes an error, an E-stop or a lost link to see it',
-    'server.full': 'it takes one client more than are served',
-    'server.lost_client': 'it takes a motion and a lost client to see it',
+    'state.errors': 'it is visible after an error, an E-stop or a lost link only',
+    'server.full': 'it is visible with one client too many only',
+    'server.lost_client': 'it is visible in a motion with a lost client only',
     'server.client_timeout': _MOTION,
-    'server.state_clients': 'not asked (see --ask), or 20 at once are served',
-    'server.io_clients': 'outputs may change when an I/O client leaves: not tried again and again',
-    'spel.': 'the simulation only: a SPEL+ program is in its files, not on the wire',
-    'io': 'not asked (see --io), or not answered',
-    'remote.': 'not asked: a session would have to be left alone until it ends',
+    'server.state_clients': 'not queried (see --ask), or at least 20',
+    'server.io_clients': 'not tested repeatedly: outputs may change when a client disconnects',
+    'spel.': 'for the simulation only: a SPEL+ program is in its files, not on the wire',
+    'io': 'not queried (see --io), or no reply',
+    'remote.': 'not queried: it needs an idle session until its timeout',
 }
 """Reasons why keys were not measured. A name that ends with a dot applies to its whole section."""
 
@@ -87,7 +87,7 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
         'name': name,
         'description': f'measured: {about}',
         'approximate': [
-            f'{len(facts)} keys were measured; {len(missing)} were not, and are as on {like}.'
+            f'{len(facts)} keys were measured, {len(missing)} were not and are those of {like}.'
         ],
     }
     for key in RULES:
@@ -97,10 +97,12 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
             for section in sections:
                 inner = inner.setdefault(section, {})
             inner[last] = _rounded(facts[key])
-    lines = [f'# Made by epson_driver doctor --learn: {about}.', '#', '# Not found out:']
+    lines = [f'# Made by epson_driver doctor --learn: {about}.', '#', '# Unknown:']
     lines += [f'# * {key}: {why_not(key)}' for key in missing]
     if 'io' in facts:
-        lines.append(f'# * io: of it the numbers of points only; what else it has is as on {like}')
+        lines.append(
+            f'# * io: only the numbers of points were measured, all else is that of {like}'
+        )
     body = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
     return '\n'.join(lines) + '\n' + body
 

@@ -36,20 +36,20 @@ ROBOT_PORTS = frozenset({5000, *range(11000, 11004), *range(50240, 50243)})
 
 REFUSALS = {
     Refusal.UNKNOWN_NAME: (
-        'no machine has this name',
-        "check its spelling and the name server, or give the controller's IP address",
+        'no machine with this name',
+        "check the spelling and the name server, or give the controller's IP address",
     ),
     Refusal.REFUSED: (
-        'the machine is there, but nothing listens at this port',
-        'start the program on the controller; check state_port',
+        'the machine replies, but nothing listens at this port',
+        'start the program on the controller, check state_port',
     ),
     Refusal.DROPPED: (
-        'nothing comes back from this address',
+        'no reply from this address',
         'check the address, the network mask, the cable, and that the controller is on; a '
-        'firewall may drop what is sent',
+        'firewall may drop the packets',
     ),
     Refusal.UNREACHABLE: (
-        'there is no way to this address',
+        'no route to this address',
         "check the address, the cable, and this machine's network settings",
     ),
 }
@@ -75,14 +75,18 @@ async def tell_of_no_state(
     """
     heard = state.heard
     if heard.unreadable:
-        text = f'something else answers there: {heard.unreadable} ({heard.first_bytes[:24].hex()})'
+        text = (
+            f'another program replies there: {heard.unreadable} ({heard.first_bytes[:24].hex()})'
+        )
         remedy = 'check address and port: 11002 is usual, 50241 Motoman'
     elif heard.vanished:
-        text = f'half-open: the connection stood, but the machine is gone ({heard.ended})'
-        remedy = 'look whether a cable is out, and whether the controller is on'
+        text = f'half-open: the connection is up, but the machine is gone ({heard.ended})'
+        remedy = 'check whether a cable is unplugged, and whether the controller is on'
     elif heard.ended and not heard.packets:
         text = f'{heard.ended} after {listened:.1f} s, without a message'
-        remedy = 'was the controller switched off, has its program ended, is a cable out?'
+        remedy = (
+            'check whether the controller is off, its program has ended, or a cable is unplugged'
+        )
     elif not heard.packets:
         text, remedy = await _why_silent(state, listened, motion, may_ask)
     elif not any(is_joints(each) or isinstance(each.message, Status) for _, each in heard.packets):
@@ -108,12 +112,12 @@ async def _why_silent(
         begun = await _answer_to_http(state)
         if begun.startswith(b'HTTP/'):
             line = begun.partition(b'\r\n')[0].decode('ascii', 'replace')
-            text = f'a web server (HTTP) is there, no state port: {line[:60]!r}'
+            text = f'this is a web server (HTTP), not a state port: {line[:60]!r}'
             return text, 'check address and port: 11002 is usual, 50241 Motoman'
-    text = f'accepts, but nothing came in {listened:.1f} s'
+    text = f'accepts, but sent nothing in {listened:.1f} s'
     remedy = (
-        'start the state task on the controller: it does not run, or hangs; if it runs, this is '
-        'the port of something else'
+        'start the state task on the controller. If it is running, it is stuck, or this is the '
+        'port of another program'
     )
     return text, remedy
 

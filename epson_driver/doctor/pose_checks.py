@@ -32,7 +32,7 @@ Ask = Callable[[str], Awaitable[str]]
 
 NEXT_STATE_TIMEOUT_S = 2.0
 
-NO_JOINTS = 'no joint states came that are numbers'
+NO_JOINTS = 'no joint states with finite numbers received'
 
 
 async def check_joints(
@@ -51,7 +51,7 @@ async def check_joints(
         if answer.strip().lower().startswith('s'):
             findings.skipped(about, 'not jogged')
         elif before is None or after is None:
-            findings.wrong(about, NO_JOINTS, 'look at the state port')
+            findings.wrong(about, NO_JOINTS, 'check the state port')
         else:
             _judge_jog(index, name, after - before, findings)
 
@@ -61,41 +61,42 @@ def _judge_jog(index: int, name: str, moved: Array, findings: Findings) -> None:
     others = np.delete(np.abs(moved), index)
     if abs(moved[largest]) < MIN_JOG:
         text = f'no joint moved by more than {MIN_JOG:g} rad or m'
-        findings.wrong(about, text, 'jog further; if it moved: is this the state of another arm?')
+        findings.wrong(
+            about, text, 'jog further. If it moved, check whether this is the state of another arm'
+        )
     elif largest != index:
-        text = f'{name} did not move, number {largest + 1} did'
+        text = f'{name} did not move, but number {largest + 1} did'
         findings.wrong(about, text, 'put joint_names into the order of the controller')
     elif others.max(initial=0.0) > OTHERS_SHARE * abs(moved[index]):
         number = int(np.argmax(np.where(np.arange(len(moved)) == index, 0.0, np.abs(moved)))) + 1
-        text = f'number {number} moved, too'
-        remedy = 'jog in joint mode, one joint; or the axes are coupled (joint_coupling)'
+        text = f'number {number} moved too'
+        remedy = 'jog one joint in joint mode, or the axes are coupled (joint_coupling)'
         findings.wrong(about, text, remedy)
     elif moved[index] < 0.0:
-        text = f'{name} went to smaller values: its sign is turned'
+        text = f'{name} decreased: it has the opposite sign'
         findings.wrong(about, text, f'joint_signs: -1 for {name}')
     else:
-        findings.ok(about, f'{name} follows in the right direction')
+        findings.ok(about, f'{name} moves in the right direction')
 
 
 async def check_tool(state: Conversation, model: RobotModel, ask: Ask, findings: Findings) -> None:
     """Compare the pendant's X Y Z U V W with the model's forward kinematics."""
     said = await ask(
-        'X Y Z U V W as the pendant shows them for Tool 0, Local 0, in mm and degrees '
-        '(Enter: skip): '
+        'X Y Z U V W on the pendant for Tool 0, Local 0, in mm and degrees (Enter: skip): '
     )
     if not said.strip():
-        findings.skipped('tool0', 'nothing was typed')
+        findings.skipped('tool0', 'no input')
         return
     try:
         numbers = [float(word) for word in said.replace(',', ' ').split()]
         if len(numbers) != 6 or not all(map(math.isfinite, numbers)):
             raise ValueError
     except ValueError:
-        findings.wrong('tool0', f'{said.strip()[:80]!r} are not six numbers', 'type X Y Z U V W')
+        findings.wrong('tool0', f'{said.strip()[:80]!r}: must be six numbers', 'enter X Y Z U V W')
         return
     joints = await _standing(state, len(model.joint_names))
     if joints is None:
-        findings.wrong('tool0', NO_JOINTS, 'look at the state port')
+        findings.wrong('tool0', NO_JOINTS, 'check the state port')
         return
     position, angles = Kinematics(model).epson_point(joints)
     off = np.abs(np.array(numbers[:3]) / 1000.0 - position)
@@ -103,13 +104,13 @@ async def check_tool(state: Conversation, model: RobotModel, ask: Ask, findings:
     shown = ' '.join(f'{v:.2f}' for v in (*(position * 1000.0), *np.degrees(angles)))
     if off.max() > POSITION_TOLERANCE_M or turned.max() > ANGLE_TOLERANCE_RAD:
         text = (
-            f'{off.max() * 1000.0:.1f} mm and {math.degrees(turned.max()):.2f} degrees off; '
-            f'the model says {shown}'
+            f'{off.max() * 1000.0:.1f} mm and {math.degrees(turned.max()):.2f} degrees off, '
+            f'expected {shown}'
         )
         remedy = 'check robot_model, Tool 0 and Local 0 on the pendant, joint_offsets, joint_signs'
         findings.wrong('tool0', text, remedy)
     else:
-        findings.ok('tool0', f'as on the pendant: {shown}')
+        findings.ok('tool0', f'matches the pendant: {shown}')
 
 
 def _wrapped(angles: Array) -> Array:

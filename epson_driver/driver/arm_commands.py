@@ -17,7 +17,7 @@ from epson_driver.driver.inhibit import (
     status_inhibit,
 )
 from epson_driver.driver.remedy import Remedy
-from epson_driver.driver.stopping.arm_gate import Enabling, GateError
+from epson_driver.driver.stopping.arm_gate import DISABLED, Enabling, GateError
 from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.simple_message import Status, TriState
@@ -27,7 +27,6 @@ ANSWER_TIMEOUT_S = 2.0
 
 
 STOPPED = 'stopped on request'
-DISABLED = 'disabled on request'
 
 
 class CommandError(RuntimeError):
@@ -76,7 +75,7 @@ class ArmCommands:
     async def _stop(self) -> str:
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         ends = _now() + ANSWER_TIMEOUT_S
-        said = 'no motion was running; the controller acknowledged STOP'
+        said = 'no motion was running, the controller acknowledged STOP'
         source = self._driver.servo.source
         if goals.busy:
             self._driver.servo.stop(STOPPED)  # a stream may be waiting for its turn
@@ -89,12 +88,10 @@ class ArmCommands:
             stopper.stop()
         if stopper.unsent or not await stopper.wait(ends - _now()):
             stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
-            within = (
-                '' if stopper.unsent else f'no standstill seen within {ANSWER_TIMEOUT_S:g} s: '
-            )
-            raise CommandError(f'{within}{stopper.doubt}; {stopper.stands}')
+            within = '' if stopper.unsent else f'no standstill within {ANSWER_TIMEOUT_S:g} s: '
+            raise CommandError(f'{within}{stopper.doubt}, {stopper.stands}')
         if stopper.failed or stopper.doubt is not None:
-            raise CommandError(f'{stopper.doubt or stopper.alarm}; {stopper.stands} now')
+            raise CommandError(f'{stopper.doubt or stopper.alarm}, but now {stopper.stands}')
         return said
 
     async def enable(self) -> str:
@@ -187,7 +184,7 @@ class ArmCommands:
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
-                'the controller sends no joints, which show the byte order of STOP, or no STATUS',
+                'no STATUS, or no joints, which show the byte order for STOP',
             )
 
     async def _clear_motion(self) -> None:
@@ -198,7 +195,7 @@ class ArmCommands:
             return
         stopper.stop()
         if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered or stopper.kept:
-            raise CommandError(f'after the last motion {stopper.doubt}; {stopper.stands}')
+            raise CommandError(f'after the last motion {stopper.doubt}, {stopper.stands}')
 
     async def disable(self) -> str:
         """Close the arm gate, stop, and switch the motors off if the driver can do that.
@@ -216,7 +213,7 @@ class ArmCommands:
             if driver.motors.missing:
                 motors, why = (
                     True,
-                    f'; {driver.motors.missing}, so the motors were left as they are',
+                    f', but the motors are unchanged: {driver.motors.missing}',
                 )
             else:
                 motors, why = await self._motors_off()
@@ -224,7 +221,7 @@ class ArmCommands:
             self._disabling -= 1
         text = f'the arm is disabled{why}'
         if said:
-            text += f'; {said}'
+            text += f', {said}'
         if not motors or not driver.stopper.over:
             raise CommandError(text)
         return text
@@ -248,23 +245,23 @@ class ArmCommands:
         try:
             await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT_S)
         except MotorsError as error:
-            return False, f'; {error}'
+            return False, f', but {error}'
         asked = _now()
         try:
             status = await self._wait_for_status(
                 lambda status: (
                     driver.robot.status_time > asked and status.drives_powered != TriState.TRUE
                 ),
-                'the controller took that the motors be off, but no STATUS shows it',
+                'the controller accepted motors off, but no STATUS confirms it',
             )
         except CommandError as error:
             return False, f', but {error}'
         if status.drives_powered != TriState.FALSE:
-            return True, '; the controller took that the motors be off, STATUS does not tell'
+            return True, ' and the controller accepted motors off (unknown in STATUS)'
         if driver.motors.may_come_on:
             return True, (
-                ' and the motors are off; the controller has not answered an earlier command to '
-                'switch them on, and may do it yet'
+                ' and the motors are off, but the controller has not answered an earlier command '
+                'to switch them on and may still do so'
             )
         return True, ' and the motors are off'
 
@@ -284,7 +281,7 @@ class ArmCommands:
             moves = status is not None and status.in_motion == TriState.TRUE
             if moves and self._driver.gate.reason is not None:  # it still brakes
                 await self._wait_for_status(
-                    lambda status: status.in_motion != TriState.TRUE, 'the arm still moves'
+                    lambda status: status.in_motion != TriState.TRUE, 'the arm is still moving'
                 )
             await self._act(Action.RESET)
         except CommandError as error:
@@ -300,9 +297,9 @@ class ArmCommands:
             raise
         await self._wait_for_status(
             lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),
-            'the controller took the reset, but no STATUS shows that error and E-stop are gone',
+            'the controller accepted the reset, but STATUS still shows an error or E-stop',
         )
-        return 'the controller was reset; the arm stays still until it is enabled'
+        return 'the controller was reset, the arm stays disabled until it is enabled'
 
     async def recover(self) -> str:
         """Reset the controller's error and enable the arm, unless it is disabled in between.
@@ -312,7 +309,9 @@ class ArmCommands:
         before = self._disabled
         await self.reset_error()
         if self._disabled != before:
-            text = 'the controller was reset; the arm was disabled meanwhile, and stays so'
+            text = (
+                'the controller was reset, but the arm was disabled during it and stays disabled'
+            )
             raise CommandError(text, Remedy.ENABLE)
         return await self.enable()
 

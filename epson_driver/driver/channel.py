@@ -148,7 +148,7 @@ def make_motors(
     if kind == 'motoman':
         return MotomanMotors(motion_link)
     if kind == 'none':
-        return MotorsByHand('the controller takes no such command')
+        return MotorsByHand('the controller does not support this command')
     if not remote_port:
         return MotorsByHand('the port of Remote Ethernet is 0')
     if kind == 'restart':

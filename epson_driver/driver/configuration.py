@@ -58,7 +58,7 @@ class Configuration:
 
     def __post_init__(self) -> None:
         if self.statements and not self.remote_port:
-            raise ValueError('remote_port = 0: this controller is reached by nothing else')
+            raise ValueError('remote_port = 0: this controller has no other interface')
 
     @property
     def statements(self) -> bool:

@@ -16,11 +16,11 @@ from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
-from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver
+from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver, seen_inhibit
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.state.robot_state import JointSample, RobotState
-from epson_driver.driver.stopping.arm_gate import ArmGate
+from epson_driver.driver.stopping.arm_gate import DISABLED, ArmGate
 from epson_driver.driver.stopping.heartbeat import Heartbeat
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import Notification, run_task_group
@@ -132,6 +132,8 @@ class Driver:
         self._positions_since_feedback = 0
         self._dropped_throttle = LogThrottle()
         self._unsaid: asyncio.TimerHandle | None = None
+        self._condition: Inhibit | None = None
+        self._condition_throttle = LogThrottle(burst=6)
         self._link_state = LinkState.DISCONNECTED
         self._dialect_known = asyncio.Event()
         if configuration.knows_byte_order:
@@ -181,7 +183,7 @@ class Driver:
         finally:
             self.fault('the driver was shut down')
         if not await self.stopper.wait(max(ends - self._now(), 0.0)):
-            _log.error('the driver ends; %s, %s', self.stopper.doubt, self.stopper.stands)
+            _log.error('the driver ends: %s, %s', self.stopper.doubt, self.stopper.stands)
             await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
@@ -208,7 +210,7 @@ class Driver:
         if found is not None:
             self.fault(found.text)
         if found != before:
-            _log.warning('%s', 'no second driver any more' if found is None else found.text)
+            _log.warning('%s', 'the second driver has ended' if found is None else found.text)
 
     def _has_points(self) -> bool:
         return self.stopper.ours
@@ -223,7 +225,7 @@ class Driver:
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
         """Disable the arm because STOP failed."""
-        _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
+        _log.error('the arm did not stop as requested: %s, %s', why, self.stopper.stands)
         self.disable(why)
         self.goal_queue.end_waiting(why)
         if unanswered and not self.goal_queue.busy:  # a running goal reconnects when it breaks off
@@ -298,7 +300,7 @@ class Driver:
             line = self._dropped_throttle.line(str(error), now)
             if line is not None:
                 _log.warning('joint state dropped: %s', line)
-            self.fault(f'the joint state cannot be true: {error}')
+            self.fault(f'implausible joint state: {error}')
             return
         self._joints_missing.heard(now)
         if sample is None:
@@ -309,7 +311,7 @@ class Driver:
         self.servo.on_joints(sample, now)
 
     def _take_status(self, status: Status, came: float) -> None:
-        now = self._now()
+        now, before = self._now(), self.robot.status
         self.robot.on_status(status, came)
         self._status_missing.heard(now)
         if self.robot.withheld:
@@ -317,13 +319,48 @@ class Driver:
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
+        quiet = self.gate.reason is not None and self._unsaid is None  # `fault` logs nothing
         found = self.why_not(Purpose.RUN, now)
         if found is not None and found.cause is not Cause.PAUSED:
             self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
         else:
             self.goal_queue.on_status(now)
+        self._log_condition(status, before, now, quiet=quiet)
         self._events.on_status(status)
         self.changed.notify_all()
+
+    def _log_condition(
+        self, status: Status, before: Status | None, now: float, *, quiet: bool
+    ) -> None:
+        """Log an E-stop, error, open door or key switch at MANUAL of a disabled arm, and its end.
+
+        `before`: the last status. `quiet`: no other line reports the cause.
+        """
+        found, known = seen_inhibit(status, self.robot.errors), self._condition
+        if found is not None and found.cause is Cause.NOT_POSSIBLE and known is None:
+            opened = before is not None and before.motion_possible == TriState.TRUE
+            found = found if opened else None  # otherwise main has not started yet
+        off = found is not None and found.cause is Cause.MOTORS_OFF
+        self._condition = None if off else found
+        if self._condition is None and known is not None:
+            level, text = logging.INFO, f'cleared: {known.text}'
+        elif (
+            found is not None
+            and quiet
+            and (
+                self._went_off(before) if off else known is None or known.cause is not found.cause
+            )
+        ):
+            level, text = logging.WARNING, found.text
+        else:
+            return
+        if (line := self._condition_throttle.line(text, now)) is not None:
+            _log.log(level, '%s', line)
+
+    def _went_off(self, before: Status | None) -> bool:
+        """Return whether motors that were on in the last status went off without a command."""
+        powered = before is not None and before.drives_powered == TriState.TRUE
+        return powered and not self.motors.busy and self.gate.reason != DISABLED
 
     def _on_motion_packet(self, packet: Packet) -> None:
         """Process an unexpected reply: a late FAILURE withdraws the acknowledged point."""
@@ -333,8 +370,8 @@ class Driver:
         if packet.msg_type == MessageType.PING and timeout:
             if self.heartbeat.look(stopped=True) is None:
                 self.fault(
-                    'the controller stopped the arm, as it heard nothing from this driver for '
-                    f'{timeout:g} s: the driver or the network was held up'
+                    'the controller stopped the arm because it received nothing from this driver '
+                    f'for {timeout:g} s: the driver or the network was delayed'
                 )
         else:
             self.goal_queue.withdraw()

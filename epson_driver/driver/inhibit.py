@@ -90,23 +90,23 @@ class Inhibit:
 PAUSED = Inhibit(
     Cause.PAUSED,
     Remedy.CONTINUE,
-    'the controller is paused, or main does not run (it says that motion is not possible)',
+    'the controller is paused, or main is not running (it reports that motion is not possible)',
 )
 
 
-MAIN_ENDED = Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, 'main does not run')
+MAIN_ENDED = Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, 'main is not running')
 
 MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at MANUAL')
 
 
 def second_driver(who: str) -> Inhibit:
     """Return the inhibit for another process with the same names, which receives the requests."""
-    return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver has its names: {who}')
+    return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver uses its names: {who}')
 
 
 def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:
     """Return the inhibit for a controller program that has ended (STATUS error)."""
-    text = f'the controller says that motion is not possible, {_error(status, errors)}'
+    text = f'the controller reports that motion is not possible, {_error(status, errors)}'
     return Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, text)
 
 
@@ -164,8 +164,8 @@ def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
         found = manual_inhibit(status) or found
     if found is None and status.motion_possible == TriState.FALSE:
         text = (
-            'the controller says that motion is not possible (a safeguard is open, a person '
-            'paused it, or main does not run)'
+            'the controller reports that motion is not possible (a safeguard is open, it is '
+            'paused, or main is not running)'
         )
         return Inhibit(Cause.NOT_POSSIBLE, Remedy.LOOK_AT_CONTROLLER, text)
     return found
@@ -203,5 +203,5 @@ def device_inhibit(device: int | None) -> Inhibit | None:
     """Return the inhibit if a device other than Remote Ethernet has control, or None."""
     if device is None or device == REMOTE_ETHERNET:
         return None
-    text = f'the control device is {CONTROL_DEVICES[device]}: motors and main obey nobody else'
+    text = f'the control device is {CONTROL_DEVICES[device]}: only it controls motors and main'
     return Inhibit(Cause.CONTROL_DEVICE, Remedy.CHOOSE_CONTROL_DEVICE, text)

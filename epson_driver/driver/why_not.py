@@ -105,7 +105,7 @@ class WhyNot:
     def _stop_failed(self, _now: float) -> Inhibit | None:
         if self.stopper.alarm is None:
             return None
-        text = f'STOP did not work: {self.stopper.alarm}; {self.stopper.stands}'
+        text = f'STOP failed: {self.stopper.alarm}, {self.stopper.stands}'
         return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
 
     def _condition(self, _now: float) -> Inhibit | None:
@@ -166,7 +166,7 @@ class WhyNot:
     def _moves(self, _now: float) -> Inhibit | None:
         """Return the inhibit if the arm moves: it brakes after a fault, or is moved externally."""
         why = self.robot.why_not_standing(self.stopper.stopped_velocity)
-        return _said(Cause.MOVES, why and f'the arm moves ({why}): wait until it stands')
+        return _said(Cause.MOVES, why and f'the arm is moving ({why}): wait until it is at rest')
 
     _START = Purpose.START | Purpose.STREAM
 

@@ -193,7 +193,7 @@ class SimulatedCell:
             check=False,
         )
         if asked.returncode:
-            last = (asked.stderr.strip().splitlines() or ['nothing was said'])[-1]
+            last = (asked.stderr.strip().splitlines() or ['no output'])[-1]
             raise RunError(f'~/enable: {last}')
 
     @property
@@ -204,7 +204,7 @@ class SimulatedCell:
         """
         _, positions = self.observer.seen
         if not len(positions):
-            raise RunError('the controller has not said yet where the joints are')
+            raise RunError('no joint positions received yet')
         return np.asarray(positions[-1])
 
 

@@ -78,25 +78,25 @@ def judge(seen: Observed, usual: Observed) -> Result:
 
 def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
     if seen.moved_after_stop:
-        return Verdict.MOVED_AFTER_ESTOP, 'the arm stood after the E-stop, and moved again'
+        return Verdict.MOVED_AFTER_ESTOP, 'the arm moved again after it had stopped for the E-stop'
     if seen.refused:
-        return Verdict.REFUSED, f'the controller did not take it: {seen.refused}'
+        return Verdict.REFUSED, f'the controller refused the fault: {seen.refused}'
     if seen.code is None:
-        return Verdict.HUNG, f'killed after {seen.seconds:.0f} s; last said: {seen.said or "-"}'
+        return Verdict.HUNG, f'killed after {seen.seconds:.0f} s, last line: {seen.said or "-"}'
     if not seen.moved:
-        return Verdict.NO_MOTION, f'the fault had nothing to strike; last said: {seen.said or "-"}'
+        return Verdict.NO_MOTION, f'the arm did not move, last line: {seen.said or "-"}'
     if seen.trajectories > usual.trajectories:
-        text = f'{seen.trajectories} trajectories, without the fault {usual.trajectories}'
+        text = f'{seen.trajectories} trajectories, but {usual.trajectories} without the fault'
         return Verdict.REPEATED, text
     if seen.code == 0:
         if seen.end is not None and usual.end is not None:
             off = float(np.abs(seen.end - usual.end).max())
             if off > THERE:
-                text = f'exit code 0, but the arm stands {off:.3f} rad or m away from the end'
+                text = f'exit code 0, but the arm is {off:.3f} rad or m away from the end'
                 return Verdict.CLAIMED, text
         return Verdict.FINISHED, seen.said
     if not seen.said:
-        return Verdict.GAVE_UP_SILENTLY, f'exit code {seen.code}, and not a word'
+        return Verdict.GAVE_UP_SILENTLY, f'exit code {seen.code}, without any output'
     return Verdict.GAVE_UP, seen.said
 
 

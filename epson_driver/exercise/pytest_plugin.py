@@ -13,8 +13,8 @@ import pytest
 from epson_driver.exercise.cell import SimulatedCell, simulated_cell
 
 MARKER = (
-    'sim_controller(robot, controller, arguments, parameters, enabled): how the fixture of that '
-    'name is started'
+    'sim_controller(robot, controller, arguments, parameters, enabled): arguments of the fixture '
+    'sim_controller'
 )
 
 

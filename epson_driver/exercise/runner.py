@@ -48,7 +48,7 @@ class Case:
     early: bool = False
 
 
-NO_FAULT = Case('no fault', 'nothing goes wrong', ())
+NO_FAULT = Case('no fault', 'no fault', ())
 
 _FAULT_WORDS = {
     'cut': 'cut 1',
@@ -81,22 +81,22 @@ CASES: dict[str, Case] = {
     for each in (
         Case(
             'estop',
-            'somebody presses the E-stop, releases it and resets',
+            'the E-stop is pressed, released and reset',
             ('estop press',),
             ('estop release', 'reset'),
             stops=True,
         ),
         Case(
             'door',
-            'somebody opens the safeguard door and closes it',
+            'the safeguard door is opened and closed',
             ('door open',),
             ('door close', 'reset'),
         ),
-        Case('pause', 'somebody pauses and continues', ('pause',), ('continue',)),
-        Case('motors_off', 'somebody switches the motors off', ('motors off',)),
+        Case('pause', 'the tasks are paused and continued', ('pause',), ('continue',)),
+        Case('motors_off', 'the motors are switched off', ('motors off',)),
         Case(
             'manual',
-            'somebody turns the key switch to manual and back',
+            'the key switch is turned to MANUAL and back',
             ('mode manual',),
             ('mode auto',),
         ),

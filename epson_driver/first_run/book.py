@@ -91,7 +91,7 @@ class Book:
             if held == 'default' and value == usual:
                 continue
             shown = f'{value:.4g}' if isinstance(value, float) else value
-            told.append(f'{key} is {shown}, the profile {profile.name} says {held}')
+            told.append(f'{key} is {shown}, but {held} in the profile {profile.name}')
         return list(dict.fromkeys(told))
 
     def _all(self, name: str) -> dict[str, Any]:
@@ -112,17 +112,17 @@ def load(path: Path) -> Book:
     try:
         found = _DATA.search(content.decode())
         if found is None:
-            raise ValueError('there is no data of first-run in it')
+            raise ValueError('it contains no first-run data')
         data = json.loads(found[1])
         choice(VERSION).checked(data['version'], 'version')
         about = {str(key): str(value) for key, value in data['about'].items()}
         entries = {step: _entry(step, each) for step, each in data['entries'].items()}
         if not {'controller', 'robot', 'address', 'when'} <= about.keys():
-            raise ValueError('it does not say what was examined')
+            raise ValueError('controller, robot, address or date is missing')
     except KeyError as error:
-        raise InputError(f'{name}: is no file of first-run: {error} is missing') from error
+        raise InputError(f'{name}: is not a first-run file: {error} is missing') from error
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f'{name}: is no file of first-run: {printable(error)}') from error
+        raise InputError(f'{name}: is not a first-run file: {printable(error)}') from error
     return Book(about, entries, name)
 
 
@@ -201,7 +201,7 @@ def _page(book: Book) -> Iterator[str]:
     yield f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
     yield '<meta name="viewport" content="width=device-width">\n'
     yield f'<style>{_STYLE}</style>\n<h1>{_text(title)}</h1>\n'
-    yield from _table('What was examined', book.about)
+    yield from _table('Robot', book.about)
     yield '<h2>Habits</h2>\n'
     if habits := book.habits:
         yield (
@@ -210,7 +210,7 @@ def _page(book: Book) -> Iterator[str]:
             + '</ul>'
         )
     else:
-        yield f'<p>None was seen: it does as the profile {_text(book.about["controller"])}.</p>\n'
+        yield f'<p>None: it behaves like the profile {_text(book.about["controller"])}.</p>\n'
     yield from _table('Times', {key: f'{value * 1e3:.1f} ms' for key, value in book.times.items()})
     yield '<h2>Steps</h2>\n'
     for name, each in book.entries.items():

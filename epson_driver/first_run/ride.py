@@ -170,7 +170,7 @@ async def _here(state: Conversation, model: RobotModel, errors: ErrorTexts) -> A
     if not await state.heard_within(
         lambda heard: latest_status(heard) and latest_joints(heard), 5
     ):
-        raise NotMovedError('joint states and STATUS do not come')
+        raise NotMovedError('no joint states and STATUS received')
     await _rest(state, len(model.joint_names))
     joints, status = latest_joints(state.heard), latest_status(state.heard)
     assert joints is not None  # noqa: S101 - both were waited for
@@ -191,7 +191,7 @@ def _check(
         if not np.all(np.isfinite(target)) or (target < low).any() or (target > high).any():
             raise NotMovedError(f'a target is outside the limits of a {model.name}')
         if speed > MAX_SPEED:
-            raise NotMovedError(f'{speed:.3f} rad/s were asked for, at most {MAX_SPEED:g}')
+            raise NotMovedError(f'speed = {speed:.3f} rad/s: must be at most {MAX_SPEED:g}')
         before = target
 
 

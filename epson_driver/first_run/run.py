@@ -14,7 +14,7 @@ from epson_driver.first_run.ride import NotMovedError
 from epson_driver.first_run.steps import EndedError, FirstRun, Step, agreed, make_ready, steps
 from epson_driver.trace.pcap import PcapWriter
 
-CHOICES = 'Enter or y: do it, s: skip it, q: end (the rest another time): '
+CHOICES = 'Enter or y: do it, s: skip it, q: end (continue another time): '
 
 
 async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str], None]) -> bool:
@@ -40,7 +40,9 @@ async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str],
         for habit in entry.found.habits:
             run.findings.note(step.name, habit)
         if entry.state == FAILED:
-            run.findings.wrong(step.name, entry.why, 'call it again: what is done is kept')
+            run.findings.wrong(
+                step.name, entry.why, 'run first-run again: completed steps are saved'
+            )
         book.save(path)
     return True
 

@@ -135,14 +135,14 @@ def _rounding(joints: Sequence[float]) -> float:
 
 
 async def _pendant(run: FirstRun) -> Found:
-    said = await run.ask('J1 J2 … as the pendant shows them, in degrees (mm of one that slides): ')
+    said = await run.ask('J1 J2 … on the pendant, in degrees (prismatic joints: mm): ')
     found = Found(answers={'pendant': said.strip()[:200]})
     try:
         shown = np.array([float(word) for word in said.replace(',', ' ').split()])
     except ValueError:
         shown = np.empty(0)
     if len(shown) != run.joints:
-        raise NotMovedError(f'the pendant was not compared: {run.joints} numbers are needed')
+        raise NotMovedError(f'not compared with the pendant: {run.joints} numbers are needed')
     async with conversation(run.question.host, run.question.state_port) as state:
         await state.heard_within(latest_joints, 5.0)
         joints = latest_joints(state.heard)
@@ -154,10 +154,10 @@ async def _pendant(run: FirstRun) -> Found:
             continue
         name = run.question.model.joint_names[index]
         if abs(ours + theirs) <= PENDANT_TOLERANCE:
-            found.habits.append(f'the sign of {name} is turned: joint_signs -1')
+            found.habits.append(f'{name} has the opposite sign: joint_signs -1')
         else:
             found.habits.append(
-                f'{name} is {ours:.3f}, on the pendant {theirs:.3f}: joint_offsets'
+                f'{name} = {ours:.3f}, but {theirs:.3f} on the pendant: joint_offsets'
             )
     return found
 
@@ -172,7 +172,7 @@ async def _ask_still(run: FirstRun) -> Found:
     facts = await check_controller(question, run.findings)
     found = Found(facts)
     if 'program.kind' not in facts:
-        raise NotMovedError('the motion port was not asked: see above')
+        raise NotMovedError('the motion port was not queried: see above')
     host, port = question.host, question.motion_port
     async with (
         conversation(host, question.state_port) as state,
@@ -189,12 +189,12 @@ async def _ask_still(run: FirstRun) -> Found:
             took.append(asyncio.get_running_loop().time() - began)
         handshake = motion.heard.handshake
     if missing:
-        found.habits.append(f'{missing} of {REPLY_TRIES} requests had no answer')
+        found.habits.append(f'{missing} of {REPLY_TRIES} requests had no reply')
     if took:
         found.times['reply to STOP'] = reply = statistics.median(took)
         if reply > LATE_S + handshake:
             found.facts['reply delay'] = reply - handshake
-            found.habits.append(f'replies come {(reply - handshake) * 1e3:.0f} ms late')
+            found.habits.append(f'replies are {(reply - handshake) * 1e3:.0f} ms late')
     return found
 
 
@@ -233,14 +233,16 @@ async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
 async def _power(run: FirstRun) -> Found:
     await make_ready(run)
     if not await agreed(run.ask, 'Is the power low? (Enter or y: yes, n: no): ', 'n'):
-        raise EndedError('the arm moves with low power only: set the power LOW, then start again')
+        raise EndedError(
+            'steps that move the arm need low power: set the power LOW, then start again'
+        )
     return Found(answers={'power': 'low'})
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
     """Ask a person to do something until STATUS permits motion."""
     while True:
-        done = await agreed(run.ask, f'{what}, then press Enter (s: give this step up): ')
+        done = await agreed(run.ask, f'{what}, then press Enter (s: skip this step): ')
         await state.ended_within(0.5)
         if not done or state.heard.ended:
             raise NotMovedError('the arm was not made ready')
@@ -248,7 +250,7 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
         found = None if status is None else seen_inhibit(status, run.errors)
         if status is not None and found is None:
             return
-        run.findings.note('not ready', 'no STATUS came' if found is None else found.text)
+        run.findings.note('not ready', 'no STATUS received' if found is None else found.text)
 
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
@@ -273,7 +275,7 @@ async def _joint(index: int, run: FirstRun) -> Found:
             found.facts['lateness'] = made.lateness
         off = np.abs(made.positions[-1] - target).max()
         if off > 2.0 * MOVED:
-            found.habits.append(f'{name} came to rest {off:.4f} rad or m beside its target')
+            found.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
         back = _ride_times(f'joint {index + 1}', await _ride(run, state, motion, [here], [WAY_S]))
     # motion starts in a cycle of the controller, so the mean of two is more accurate
     found.times = {
@@ -281,10 +283,10 @@ async def _joint(index: int, run: FirstRun) -> Found:
         for key, value in found.times.items()
     }
     sense = '+' if target[index] > here[index] else '-'
-    said = await run.ask(f'Did J{index + 1} turn in its {sense} direction, and back? (y/n): ')
+    said = await run.ask(f'Did J{index + 1} move in its {sense} direction, and back? (y/n): ')
     found.answers[name] = f'{sense}: {said.strip()[:100]}'
     if said.strip().lower().startswith('n'):
-        found.habits.append(f'the sign of {name} is turned: joint_signs -1')
+        found.habits.append(f'{name} has the opposite sign: joint_signs -1')
     return found
 
 
@@ -312,7 +314,7 @@ def _ride_times(name: str, made: Ride) -> Found:
     found = Found()
     missing = sum(each is None for each in made.answers)
     if missing:
-        found.habits.append(f'{missing} of {len(made.sent)} points had no answer')
+        found.habits.append(f'{missing} of {len(made.sent)} points had no reply')
     if any(each is not None and each[1] is ReplyCode.FAILURE for each in made.answers):
         found.habits.append(f'{name}: a point was refused')
     if made.begin is None:
@@ -347,9 +349,9 @@ async def _points(run: FirstRun) -> Found:
     waits = found.facts.get('program.acknowledge') == 'done'
     found.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
     if found.facts['rests at points']:
-        text = f'{stops} rests were seen at {STREAM_POINTS} points'
-        why = '; a point is answered when the arm is there' if waits else ''
-        found.habits.append(f'the arm rests at points: {text}{why}')
+        text = f'{stops} stops at {STREAM_POINTS} points'
+        why = ', replies come after the arrival at each point' if waits else ''
+        found.habits.append(f'the arm stops at points: {text}{why}')
     return found
 
 
@@ -402,7 +404,7 @@ async def _interrupted(
         target = _target(here, 0, run)
         ways = [target, here] * (BACK_AND_FORTH // 2)
         doing = asyncio.ensure_future(
-            run.ask(f'The arm moves to and fro: {what} NOW. Then Enter: ')
+            run.ask(f'The arm moves back and forth: {what} NOW. Then Enter: ')
         )
         try:
             made = await _ride(run, state, motion, ways, [WAY_S] * len(ways))
@@ -420,7 +422,7 @@ async def _interrupted(
         before = await _where(run, state)
         await state.ended_within(2.0)
         if np.abs(await _where(run, state) - before).max() > MOVED:
-            found.habits.append(f'{name}: the arm went on by itself when it was undone')
+            found.habits.append(f'{name}: the arm resumed its motion without a command')
     return found
 
 
@@ -452,14 +454,14 @@ async def _cable(run: FirstRun) -> Found:
             raise
         found.answers['cable'] = (await doing).strip()[:200] or 'done'
     if made is not None and not lost:
-        found.habits.append('cable: nothing was noticed of it')
+        found.habits.append('cable: the connection was not lost')
         return found
     async with conversation(run.question.host, run.question.state_port) as state:
         after = await _where(run, state)
     finished = bool(np.abs(after - target).max() < 2.0 * MOVED)
     found.facts['server.lost_client'] = 'finish' if finished else 'brake'
     if finished:
-        found.habits.append('the arm goes on to its point when its client is lost')
+        found.habits.append('the arm continues to its point after the connection is lost')
     return found
 
 
@@ -471,10 +473,10 @@ QUESTIONS: Mapping[str, str] = {
     'server_ports.prg': 'what does the host of SetNet mean, what does a second client get, and '
     'what does ChkNet show of FIN and of a reset?',
     'reported_joints.prg': 'do Agl and RealPls lag?',
-    'till_braking.prg': 'how often is Till looked at, and how does it brake?',
+    'till_braking.prg': 'how often is Till evaluated, and how does it brake?',
     'wait_pos.prg': 'does WaitPos in main wait when the motors go off, and can StartMain start '
-    'main at once after the door?',
-    'loop_without_wait.prg': 'does 2556 come in a loop that only asks a port?',
+    'main immediately after the door?',
+    'loop_without_wait.prg': 'does error 2556 occur in a loop that only polls a port?',
     'pulses_in_background.prg': 'does PPls(AglToPls(…)) work in a background task, before '
     'anything has moved?',
 }
@@ -502,17 +504,21 @@ def _held(status: Status) -> bool:
 def steps(joints: int) -> list[Step]:
     """Return the steps for an arm with `joints` joints, in their order."""
     way = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
-    slowly = f'joint 1 goes {way} to and fro, slowly, for at most {BACK_AND_FORTH * WAY_S:g} s'
+    slowly = (
+        f'joint 1 moves {way} back and forth, slowly, for at most {BACK_AND_FORTH * WAY_S:g} s'
+    )
     return [
-        Step('listen', 'Only listens to the state port. Nothing is sent.', _listen),
-        Step('pendant', 'Compares the joints with those that the pendant shows.', _pendant),
-        Step('questions', 'Asks a STOP and a point where the arm stands, motors OFF.', _ask_still),
-        Step('I/O', 'Asks which I/O there is, motors OFF. Outputs may change at its end.', _io),
-        Step('ready', 'You set the power LOW and switch the motors on.', _power),
+        Step('listen', 'Listen to the state port. Nothing is sent.', _listen),
+        Step('pendant', 'Compare the joint positions with the pendant.', _pendant),
+        Step(
+            'questions', 'Send a STOP and a point at the current position, motors OFF.', _ask_still
+        ),
+        Step('I/O', 'Query the available I/O, motors OFF. Outputs may change at the end.', _io),
+        Step('ready', 'Set the power LOW and switch the motors on.', _power),
         *(
             Step(
                 f'joint {index + 1}',
-                f'THE ARM MOVES: joint {index + 1} goes {way} in {WAY_S:g} s, and back.',
+                f'THE ARM MOVES: joint {index + 1} moves {way} in {WAY_S:g} s, and back.',
                 partial(_joint, index),
                 moves=True,
             )
@@ -520,35 +526,37 @@ def steps(joints: int) -> list[Step]:
         ),
         Step(
             'STOP',
-            f'THE ARM MOVES: joint 1 goes {way}, a STOP ends it on its way, and it goes back.',
+            f'THE ARM MOVES: joint 1 moves {way}, a STOP interrupts it, and it moves back.',
             _stop,
             moves=True,
         ),
         Step(
             'points',
-            f'THE ARM MOVES: joint 1 goes {way} in {STREAM_POINTS} points, and back, twice.',
+            f'THE ARM MOVES: joint 1 moves {way} in {STREAM_POINTS} points, and back, twice.',
             _points,
             moves=True,
         ),
         Step(
             'E-stop',
-            f'THE ARM MOVES: {slowly}; you press the E-stop meanwhile.',
+            f'THE ARM MOVES: {slowly}. Press the E-stop during the motion.',
             partial(_interrupted, 'E-stop, press it', _estopped, 'Release it, reset, motors on'),
             moves=True,
         ),
         Step(
             'door',
-            f'THE ARM MOVES: {slowly}; you open the safeguard meanwhile.',
+            f'THE ARM MOVES: {slowly}. Open the safeguard during the motion.',
             partial(_interrupted, 'door, open it', _held, 'Close it, reset, motors on, main'),
             moves=True,
         ),
         Step(
             'cable',
-            f'THE ARM MOVES: joint 1 goes {way}; you pull the network cable meanwhile.',
+            f'THE ARM MOVES: joint 1 moves {way}. Pull the network cable during the motion.',
             _cable,
             moves=True,
         ),
         Step(
-            'open questions', 'Asks for what the programs in docs/examples/spel say.', _questions
+            'open questions',
+            'Enter the results of the programs in docs/examples/spel.',
+            _questions,
         ),
     ]

@@ -133,7 +133,7 @@ def header_fault(content: bytes) -> str:
     first, _, rest = content.replace(b'\r\n', b'\n').partition(b'\n')
     found = re.match(rb'ENVT0100,LM:[^,]*,DS:([0-9]{10}),CS:([0-9]{5}),', first)
     if found is None:
-        return 'it has no header ENVT0100: RC+ does not read it'
+        return 'it has no header ENVT0100, so RC+ does not read it'
     body = rest.replace(b'\n', b'\r\n')
     if int(found[1]) != len(first) + 2 + len(body):
         return 'its header has another size'

@@ -181,7 +181,7 @@ def _joint_names(value: Any) -> tuple[str, ...]:
 
 JOINT_NAMES = Rule(
     _joint_names,
-    'must be a list of names that differ, each of letters, digits, _, - and /, not beginning with '
+    'must be a list of unique names, each of letters, digits, _, - and /, not beginning with '
     f'a digit, of at most {MAX_JOINT_NAME_CHARACTERS} characters',
 )
 """Dots are not allowed, because joint names are parts of parameter names."""

@@ -51,7 +51,7 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
         text = content.decode('utf-8-sig')  # with a byte order mark, or without
     except UnicodeDecodeError as error:
         line = content.count(b'\n', 0, error.start) + 1
-        raise InputError(f'{file}: not YAML: line {line} is no UTF-8 text') from error
+        raise InputError(f'{file}: not YAML: line {line} is not UTF-8 text') from error
     try:
         return _built(text, several=several)
     except yaml.YAMLError as error:
@@ -107,7 +107,7 @@ class _Open:
         elif not isinstance(event, yaml.ScalarEvent):
             raise _WrongError(event, 'a mapping or a list cannot be a key')
         elif event.value in self.value:
-            raise _WrongError(event, f'{shown(event.value)} is there twice')
+            raise _WrongError(event, f'{shown(event.value)} occurs twice')
         else:
             self._key = event.value
 
@@ -123,7 +123,7 @@ def _built(text: str, *, several: bool) -> Any:
             if documents > 1:
                 if several:
                     break
-                raise _WrongError(event, 'a second document begins: there must be one')
+                raise _WrongError(event, 'it must contain one document')
         elif isinstance(event, yaml.AliasEvent):
             raise _WrongError(event, f'*{event.anchor}: aliases are not supported')
         elif isinstance(event, yaml.ScalarEvent):

@@ -223,9 +223,9 @@ class Link:
             return
         came = self._connection.framer.byte_order
         if self._written not in (None, dialect):
-            self.reconnect(f'what was sent was {self._written}, the state is {dialect}')
+            self.reconnect(f'sent as {self._written}, but the state is {dialect}')
         elif came not in (None, dialect.byte_order):
-            self.reconnect(f'what came was {came.name.lower()} endian, the state is {dialect}')
+            self.reconnect(f'received {came.name.lower()} endian, but the state is {dialect}')
 
     def reconnect(self, why: str) -> None:
         """Close the connection once all data is sent, and reconnect.
@@ -324,7 +324,7 @@ class Link:
     def _write(self, connection: Connection, data: bytes) -> None:
         """Write data. If the peer does not read, end the connection and raise ConnectionError."""
         if connection.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            why = 'the controller leaves what is sent unread'
+            why = 'the controller does not read the sent data'
             connection.abort(why)
             raise ConnectionError(why)
         connection.transport.write(data)

@@ -17,7 +17,7 @@ SHORT_S = 0.2
 
 MAX_SHORT = 3
 
-TURNED_AWAY = 'it serves one client and has one, or does not serve yet'
+TURNED_AWAY = 'another client is connected, or its program is not running'
 """Explanation for a controller that closes connections immediately."""
 
 _log = logging.getLogger(__name__)
@@ -68,15 +68,13 @@ class LinkReports:
             self._short = self._short + 1 if now - connected < SHORT_S else 0
         if self._short == MAX_SHORT and connected is not None:
             _log.warning(
-                '%s link: the controller closed %d connections at once (%s): %s; trying on, at '
-                'least once a second',
+                '%s link: the controller closed %d connections immediately (%s): %s; retrying '
+                'every ≤ 1 s',
                 self._link.name,
                 MAX_SHORT,
                 why,
                 TURNED_AWAY,
             )
         elif self._short < MAX_SHORT and not self._missed:
-            _log.warning(
-                'no %s link: %s; trying again at least once a second', self._link.name, why
-            )
+            _log.warning('%s link down: %s; retrying every ≤ 1 s', self._link.name, why)
         self._missed = True

@@ -89,11 +89,11 @@ ABORTED_TIMEOUT_S = 2.0
 """Timeout for the reply of an aborted statement, s. After it the link reconnects."""
 
 GOES_ON = (
-    'the controller goes on to the end of the command that it has: the E-stop stops it, and so '
-    'does the $Abort that is sent first when the connection is back'
+    'the controller continues to the end of its command. The E-stop stops it, and so does the '
+    '$Abort that is sent first on the next connection'
 )
 
-ONE_CLIENT = 'it serves one client of Remote Ethernet and has one, or does not serve yet'
+ONE_CLIENT = 'another Remote Ethernet client is connected, or the server is not running'
 
 _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Paused', 'Running'}
 """Flags that prevent the controller from executing a statement."""
@@ -201,7 +201,7 @@ class RemoteLink(Link):
         the arm. Raises ConnectionError.
         """
         if not command.isprintable():
-            raise ValueError(f'{without_password(command)!r} is not one command')
+            raise ValueError(f'{without_password(command)!r} must be one command')
         answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
         def answered(value: str | Exception) -> None:
@@ -258,9 +258,7 @@ class RemoteLink(Link):
                 unanswered, self._asked = [*self._asked, *self._executes], []
                 self._executes.clear()
                 for question in unanswered:
-                    question.answered(
-                        ConnectionError('the connection ended before it was answered')
-                    )
+                    question.answered(ConnectionError('the connection ended before the reply'))
 
     async def _watch(self) -> str:
         """Wait until the state is unanswered for the timeout. Return why the link is lost."""
@@ -279,7 +277,7 @@ class RemoteLink(Link):
                     async with asyncio.timeout(self._period):
                         await self._wake.wait()
                 if self._aborted and self._now() - self._aborted > ABORTED_TIMEOUT_S:
-                    return 'the aborted command is not answered'
+                    return 'no reply to the aborted command'
         except (RemoteError, ConnectionError) as error:
             return str(error)
 
@@ -336,7 +334,7 @@ class RemoteLink(Link):
             self.statistics.bad_frames['answer'] += 1
             if self._connection is not None:
                 shown = line[:_SHOWN_CHARACTERS]
-                self._connection.end(f"'{shown}' is no answer to what was asked")
+                self._connection.end(f"'{shown}' is not a reply to the request")
             return
         self._asked.remove(question)
         self.statistics.reply_latencies.append(self.last_received - question.sent)

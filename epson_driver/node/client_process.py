@@ -84,7 +84,7 @@ class Failures:
         self.happened.set()
         if not any(error is told for told in self._told):
             self._told.append(error)
-            _log.critical('%s: all arms are stopped, and the driver ends', what, exc_info=error)
+            _log.critical('%s: stopping all arms and the driver', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Handle errors that asyncio would only log. This is the loop's exception handler."""
@@ -122,7 +122,9 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
     names = [node.get_fully_qualified_name() for node in nodes]
     twice = {name for name in names if names.count(name) > 1}
     if twice:  # __ns remaps them all
-        logger.fatal(f'{", ".join(twice)}: two robots have this name; give each its --namespace')
+        logger.fatal(
+            f'{", ".join(twice)}: two robots have this name, so give each its own --namespace'
+        )
     return not twice
 
 
@@ -147,12 +149,12 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
                 loop.run_until_complete(driving)
             except BaseException as error:  # noqa: BLE001 - it is reported
                 # asyncio re-raises the SystemExit of a callback or a task immediately
-                failures.tell('the event loop was left', error)
+                failures.tell('the event loop ended', error)
     ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()
     if not ros.leave():  # a blocked thread cannot be ended, but the arms are at rest
-        _log.critical('the thread that serves ROS does not end')
+        _log.critical('ROS executor thread did not stop')
         logging.shutdown()
         os._exit(1)
     ros.executor.shutdown()
@@ -210,4 +212,6 @@ def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> N
             failures.tell('a driver was cancelled', asyncio.CancelledError())
         elif task.done():
             error = task.exception()
-            failures.tell('a driver ended', error or RuntimeError('nobody asked for it'))
+            failures.tell(
+                'a driver ended', error or RuntimeError('(internal) unexpected task exit')
+            )

@@ -136,7 +136,7 @@ class Diagnostics:
         robot = self._driver.robot
         number = NO_ERROR if robot.status is None else robot.status.error_code
         if number != NO_ERROR and level in (DiagnosticStatus.OK, DiagnosticStatus.WARN):
-            level, text = DiagnosticStatus.ERROR, f'{text}; error {robot.errors.phrase(number)}'
+            level, text = DiagnosticStatus.ERROR, f'{text}, error {robot.errors.phrase(number)}'
         values |= dict(self._arm_values(now))
         return self._status('arm', level, text, values, self._driver.configuration.host)
 
@@ -156,7 +156,7 @@ class Diagnostics:
             yield (
                 f'stream to release: {topic}',
                 (
-                    f'{seconds:.1f} s more without a setpoint that asks for motion; '
+                    f'{seconds:.1f} s more without a setpoint that requests motion, '
                     f'publishers: {self._publishers(topic)}'
                 ),
             )

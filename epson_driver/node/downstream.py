@@ -66,7 +66,7 @@ class Downstream:
         """
         if not self.there:
             raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL, f'nobody serves the action {self.name}: start its driver'
+                ErrorCode.INVALID_GOAL, f'no server for the action {self.name}: start its driver'
             )
         answer = self._loop.create_task(
             self.asked(
@@ -80,14 +80,14 @@ class Downstream:
             answer.add_done_callback(self._cancel_late)
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
-                f'{self.name} did not answer within {timeout:g} s; the goal is canceled should it '
-                'be taken yet',
+                f'{self.name} did not reply within {timeout:g} s. A later acceptance '
+                'will be canceled',
             )
         handle = answer.result()
         if not handle.accepted:
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
-                f'{self.name} refused the smooth trajectory; its log says why',
+                f'{self.name} rejected the smooth trajectory: see its log',
             )
         return Sent(self, handle)
 
@@ -114,7 +114,7 @@ class Downstream:
         if (error := answer.exception()) is not None:
             report_error('sending a goal failed', error)
         elif answer.result().accepted:
-            _log.error('%s took a goal too late: it is canceled', self.name)
+            _log.error('%s accepted a goal too late, so it is canceled', self.name)
             self._loop.create_task(self.asked(answer.result().cancel_goal_async))
 
 

@@ -40,9 +40,9 @@ MAX_WINDOW_S = 0.5
 """Maximum duration of a trajectory that counts as a window of a stream, s."""
 
 WARNING = (
-    'single points or short windows come in a stream: here each is a goal of its own, which '
-    'replaces the one before when the arm has come to rest, or is refused where it begins too far '
-    'from the arm; send streams to ~/servo'
+    'single points or short windows arrive as a stream: here each is a separate goal, which '
+    'replaces the last one after the arm has stopped, or is rejected if it starts too far from '
+    'the arm. Send streams to ~/servo'
 )
 
 
@@ -165,7 +165,7 @@ class GoalServer:
         except DriverEndedError as error:
             self._logger.warning(f'a trajectory was dropped: {error}')
         except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
-            self._bridge.failed('taking a trajectory', error)
+            self._bridge.failed('receiving a trajectory', error)
 
     def take_trajectory(self, message: JointTrajectory) -> None:
         """Submit a trajectory from a topic. Raises GoalRejectedError, DriverEndedError."""

@@ -100,8 +100,8 @@ def refusal(command: Command) -> str:
         return f'position = {command.position}: must be finite'
     if not command.max_effort <= 0.0:
         return (
-            f'max_effort = {command.max_effort:g}: must be 0 (no limit): outputs set no force, '
-            'limit it at the gripper'
+            f'max_effort = {command.max_effort:g}: must be 0 (no limit), because outputs set no '
+            'force. Limit it at the gripper'
         )
     return ''
 
@@ -189,7 +189,7 @@ class GripperServer:
             del self._moves[key]
             task.cancel()
         if task.cancelled():
-            raise GripperError('canceled; the outputs stay as they are')
+            raise GripperError('canceled, the outputs stay unchanged')
         return task.result()
 
     def _give_up(self, key: bytes) -> None:

@@ -93,7 +93,7 @@ class JointReader:
             if speed > DEFAULT_MARGINS.velocity * limit:
                 raise _unknown(
                     f'{name} jumps on {self.topic}, at {speed:.3g} /s where its limit is '
-                    f'{limit:.3g} /s: two publishers disagree; stop the one that is not the driver'
+                    f'{limit:.3g} /s: two publishers disagree. Stop all except the driver'
                 )
             found.append((joint.position, joint.velocity))
         positions, velocities = np.array(found, dtype=float).reshape(-1, 2).T

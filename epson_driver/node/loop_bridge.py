@@ -115,12 +115,12 @@ class LoopBridge:
         """Log an error, schedule `fault`, and return the error text. Callable in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
-        self.node.get_logger().error(f'{why}; {self._then}\n{trace}')
+        self.node.get_logger().error(f'{why}, {self._then}\n{trace}')
         try:
             self.to_loop(self._fault, why)
         except DriverEndedError:
-            return f'{why}; the driver has ended'
-        return f'{why}; {self._then}; the log has more'
+            return f'{why}, the driver has ended'
+        return f'{why}, {self._then}, see the log'
 
     def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
         """Schedule a function in the loop's thread and in this node's context.
@@ -267,7 +267,7 @@ def _answering(service: Service, logger: RcutilsLogger) -> Callable[..., Any]:
             why = f'{service.service_name} failed: {type(error).__name__}: {error}'
             logger.error(why)
             response = service.srv_type.Response()
-            result = SetParametersResult(reason=f'{why}; what came before it may be set')
+            result = SetParametersResult(reason=f'{why}, parameters before it may be set')
             if service.srv_type is SetParameters:
                 response.results = [result] * len(request.parameters)
             elif service.srv_type is SetParametersAtomically:

@@ -98,14 +98,14 @@ def _primitive(message: MotionPrimitive, limits: JointLimits, frame: str) -> Pri
     if len(message.poses) != POSES[kind]:
         raise InputError(
             f'{kind.name} has {len(message.poses)} poses: must have {POSES[kind]}'
-            + (', its end and a place on the way' if kind is Kind.CIRCULAR_CARTESIAN else '')
+            + (', the end and an intermediate position' if kind is Kind.CIRCULAR_CARTESIAN else '')
         )
     arguments = _arguments(message.additional_arguments)
     via = None
     if kind is Kind.LINEAR_JOINT:
         target = _joints(message.joint_positions, limits)
     elif len(message.joint_positions):
-        raise InputError(f'joint_positions: must be empty, as {kind.name} goes to a pose')
+        raise InputError(f'joint_positions: must be empty, because {kind.name} moves to a pose')
     else:
         target = _pose('poses[0]', message.poses[0], frame)
         if kind is Kind.CIRCULAR_CARTESIAN:
@@ -129,7 +129,9 @@ def _arguments(messages: Sequence[MotionArgument]) -> dict[str, float]:
         name = message.argument_name
         if name not in ARGUMENTS:
             known = ', '.join(ARGUMENTS)
-            raise InputError(f'additional_arguments: no {shown(name)}; must be one of {known}')
+            raise InputError(
+                f'additional_arguments: unknown name {shown(name)}, must be one of {known}'
+            )
         if name in found:
             raise InputError(f'additional_arguments has {name} twice')
         found[name] = ARGUMENTS[name].checked(message.argument_value, name)
@@ -155,8 +157,7 @@ def _pose(field: str, message: PoseStamped, frame: str) -> Array:
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         raise InputError(
-            f'{field}: the orientation x, y, z, w = {x:g}, {y:g}, {z:g}, {w:g} must have the '
-            f'length 1'
+            f'{field}: the orientation x, y, z, w = {x:g}, {y:g}, {z:g}, {w:g} must have length 1'
         )
     x, y, z, w = quaternion / length
     pose = np.eye(4)
@@ -172,8 +173,7 @@ def _pose(field: str, message: PoseStamped, frame: str) -> Array:
 def _place(field: str, message: PoseStamped, frame: str) -> Array:
     if message.header.frame_id not in ('', frame):
         raise InputError(
-            f'{field} is in the frame {shown(message.header.frame_id)}: must be in {frame}; '
-            'others are not looked up'
+            f'{field} is in the frame {shown(message.header.frame_id)}: must be in {frame}'
         )
     place = np.array([getattr(message.pose.position, name) for name in 'xyz'])
     if not np.all(np.isfinite(place)):
@@ -182,12 +182,12 @@ def _place(field: str, message: PoseStamped, frame: str) -> Array:
 
 
 RETIMED = (
-    'parameter timing = time_optimal: nothing would be left of the velocities and rests of the '
-    'motions; as_planned keeps them'
+    'parameter timing = time_optimal: must be as_planned, to keep the velocities and stops of the '
+    'motions'
 )
 
 
-RESTS = 'must be 0: by Remote Ethernet alone the arm rests after each motion, at no set time'
+RESTS = 'must be 0: over Remote Ethernet alone the arm stops after each motion, without timing'
 
 HALF_STEP_S = 1e-4
 """Time tolerance, s. The end of a motion is the first point later than its time minus this."""
@@ -198,8 +198,8 @@ class ToolBusyError(RuntimeError):
 
     def __init__(self) -> None:
         super().__init__(
-            'a sequence of motion primitives is planned, or runs, with the tool as it is: wait '
-            'for its end, or cancel it first'
+            'a sequence of motion primitives is being planned or executed with the current tool: '
+            'wait for its end, or cancel it first'
         )
 
 
@@ -354,7 +354,7 @@ def sequence_statement(
         begin = end
     text = '; '.join(texts)
     if len(text) > MOST_CHARACTERS:
-        raise _invalid(f'{len(primitives)} motions: more than one $Execute takes: send fewer')
+        raise _invalid(f'{len(primitives)} motions: too long for one $Execute, send fewer')
     return text
 
 

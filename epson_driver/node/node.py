@@ -192,7 +192,7 @@ class ClientNode:
         parts = {
             'the driver': self.driver.run,
             'diagnostics': self._publish_diagnostics,
-            'looking for namesakes': self._look_for_namesakes,
+            'searching for nodes with the same name': self._look_for_namesakes,
         }
         together = run_task_group(parts, self.driver.shut_down)
         await self._loop.create_task(together, context=self._context)

@@ -77,12 +77,12 @@ def undeclared(node: Node) -> Iterator[str]:
     """
     given = getattr(node, '_parameter_overrides', None)
     if given is None:
-        yield 'this rclpy does not say which parameters were given: misspelled ones are ignored'
+        yield 'this rclpy does not list the given parameters: misspelled ones are ignored'
         return
     for name in given:
         if not node.has_parameter(name):
             near = near_name(name, node.get_parameters_by_prefix(''))
-            yield f'parameter {name} is ignored: there is none of that name' + (
+            yield f'parameter {name} is ignored: it is unknown' + (
                 f'; did you mean {near}?' if near else ''
             )
 

@@ -106,20 +106,20 @@ class PointsInterface:
     async def _teach(self, request: Service.Request) -> str:
         if self._taken(request.name):
             raise InputError(
-                f'name = {shown(request.name)}: the arm, its place or its tool has a frame of '
-                'that name'
+                f'name = {shown(request.name)}: must not be the name of a frame of the arm, its '
+                'base or its tool'
             )
         point, arm = await self._bridge.in_loop(self._here)
         self._points.set(request.name, point, arm)
         self._save()
-        return f'point {request.name} is where the tool is now, in {self._where()}'
+        return f'point {request.name} saved at the current tool pose, in {self._where()}'
 
     async def _forget(self, request: Service.Request) -> str:
         if request.name not in self._points:
             self._points.get(request.name)
         self._points.remove(request.name)
         self._save()
-        return f'point {request.name} is forgotten, in {self._where()}; tf keeps its frame'
+        return f'point {request.name} deleted, in {self._where()} (tf keeps its frame)'
 
     async def _go(self, request: Service.Request) -> str:
         speed = SPEED.checked(request.speed, 'speed') if request.speed else USUAL_SPEED
@@ -136,7 +136,7 @@ class PointsInterface:
             try:
                 self._points.save(self._file)
             except (OSError, ValueError) as error:
-                raise InputError(f'it holds, but is not saved: {error}') from error
+                raise InputError(f'applied, but not saved: {error}') from error
 
     def _where(self) -> str:
         return 'this node' if self._file is None else printable(self._file)
@@ -166,7 +166,7 @@ class PointsInterface:
         robot = self._driver.robot
         now = await wait_for_fresh_state(robot.stale, self._driver.changed, FRESH_POSE_TIMEOUT_S)
         if (why := robot.why_not_ready(now)) is not None:
-            raise InputError(f'nobody knows where the arm is: {why}')
+            raise InputError(f'joint position unknown: {why}')
         assert robot.sample is not None  # noqa: S101 - for the type checker
         return taught(self._primitives.kinematics, robot.sample.positions)
 
@@ -179,7 +179,7 @@ class PointsInterface:
         if not len(found):
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
-                f'point {name}: no joint positions lead to it: it is out of reach',
+                f'point {name}: out of reach, no joint positions reach it',
             )
         trajectory, written = self._setup.joint_move(start, found[0], speed, ACCELERATION)
         goal = self._setup.goal(trajectory, None if statements is None else written(statements))

@@ -89,8 +89,8 @@ class RosThread:
                         return
         finally:
             if not self._left.is_set():
-                end = RuntimeError('no request of ROS is answered any more')
-                self._on_error('the thread that serves ROS ended', end)
+                end = RuntimeError('ROS requests are no longer served')
+                self._on_error('ROS executor thread ended', end)
 
 
 def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False) -> Any:
@@ -122,7 +122,7 @@ def level(line: Log) -> int:
 
 
 def _never(_message: Any) -> None:
-    raise RuntimeError('no executor serves this subscription')
+    raise RuntimeError('this subscription has no executor')
 
 
 MAX_READING_NS = 100_000

@@ -46,11 +46,11 @@ def from_trajectory(
     ahead = duration_in_s(last.time_from_start) + (stamp - now if stamp else 0.0)
     if ahead > MAX_AHEAD_S:
         raise SetpointError(
-            f'it ends in {ahead:.3g} s, more than {MAX_AHEAD_S:g} s: that is a trajectory, for '
-            '~/joint_trajectory or the action (or the clocks differ)'
+            f'it ends in {ahead:.3g} s: must be at most {MAX_AHEAD_S:g} s. Send longer '
+            'trajectories to ~/joint_trajectory or the action, or synchronise the clocks'
         )
     if ahead < -MAX_AGE_S:
-        raise SetpointError(f'it ended {-ahead:.3g} s ago: it came late, or the clocks differ')
+        raise SetpointError(f'it ended {-ahead:.3g} s ago: it is late, or the clocks differ')
     positions = _values('positions', last.positions, message.joint_names, names)
     velocities = _values('velocities', last.velocities, message.joint_names, names)
     window = None if positions is None else _window(message, names, stamp - now if stamp else 0.0)
@@ -112,7 +112,7 @@ def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Win
     if len(points) < 2:
         return None
     if len(points) > MAX_POINTS:
-        raise SetpointError(f'more than {MAX_POINTS} points are to come')
+        raise SetpointError(f'more than {MAX_POINTS} points')
     if any(after <= before for before, after in itertools.pairwise(times)):
         raise SetpointError('time_from_start does not increase from point to point')
     given = message.joint_names
@@ -154,10 +154,10 @@ def _check_names(given: Sequence[str], names: Sequence[str], *, complete: bool) 
         if name not in names:
             raise SetpointError(f'unknown joint {name!r}')
     if len(set(given)) != len(given):
-        raise SetpointError('a joint is there twice')
+        raise SetpointError('a joint occurs twice')
     missing = [name for name in names if name not in given]
     if complete and missing:
-        raise SetpointError(f'it lacks {", ".join(missing)}')
+        raise SetpointError(f'joints {", ".join(missing)} are missing')
 
 
 SETPOINT_QOS = QoSProfile(
@@ -222,7 +222,7 @@ class ServoInterface:
             except DriverEndedError:
                 return  # no driver can follow it
             except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
-                self._bridge.failed(f'taking a setpoint on {topic}', error)
+                self._bridge.failed(f'receiving a setpoint on {topic}', error)
 
         return callback
 

@@ -71,81 +71,81 @@ TABLE = (
     Row(
         'action',
         'follow_joint_trajectory',
-        'Action of the driver behind: /joint_trajectory_controller/follow_joint_trajectory, say.',
+        'Action of the downstream driver, such as '
+        '/joint_trajectory_controller/follow_joint_trajectory.',
     ),
     Row(
         'limits_file',
         '',
-        "Limits of the joints, over those of the URDF on robot_description: MoveIt's "
-        'joint_limits.yaml, or a robot model of this package. Empty: the URDF alone.',
+        "Joint limits that override the URDF on robot_description: MoveIt's joint_limits.yaml, or "
+        'a robot model of this package (empty: the URDF only).',
     ),
     Row(
         'acceleration_ratio',
         5.0,
-        'Where nothing says a limit of acceleration, it is so many times that of velocity [1/s].',
+        'Unknown acceleration limits, as a multiple of the velocity limit [1/s].',
         0.1,
         1000.0,
     ),
     Row(
         'jerk_ratio',
         10.0,
-        'Where nothing says a limit of jerk, it is so many times that of acceleration [1/s].',
+        'Unknown jerk limits, as a multiple of the acceleration limit [1/s].',
         0.1,
         1000.0,
     ),
     Row(
         'timing',
         'as_planned',
-        'When points are to be reached. as_planned: as the trajectory says, or later where the '
-        'limits ask for it; time_optimal: as fast as they allow.',
+        'Timing of trajectories. as_planned: the times of the points, or later where the limits '
+        'require it. time_optimal: as fast as the limits allow.',
         choices=('as_planned', 'time_optimal'),
     ),
     Row(
         'period',
         0.008,
-        'Longest time between two points that are handed on [s]; there are more wherever the jerk '
-        'jumps.',
+        'Maximum time between forwarded points [s]. Where the jerk changes, more points are sent.',
         0.001,
         1.0,
     ),
     Row(
         'stops',
         'auto',
-        'How a goal is left on its way. brake: by a stop inside the limits, sent as another '
-        'trajectory, for joint_trajectory_controller and what replaces one by the other as it '
-        'does; cancel: as the driver behind stops; auto: brake where the action has '
-        "joint_trajectory_controller's query_state beside it.",
+        'Stop of a running goal. brake: a stop within the limits, sent as another trajectory, '
+        'for joint_trajectory_controller and drivers that replace trajectories like it. cancel: '
+        'the stop of the downstream driver. auto: brake if the action has the query_state '
+        'service of joint_trajectory_controller.',
         choices=('auto', 'brake', 'cancel'),
     ),
     Row(
         'lead',
         0.1,
-        'With brake: how far ahead a stop begins; messages must take less [s].',
+        'With brake: time from sending a stop to its start, longer than the message delay [s].',
         0.02,
         1.0,
     ),
     Row(
         'start_tolerance',
         0.02,
-        'How far from the arm a trajectory may begin, each joint [rad, m].',
+        'Maximum distance of each joint from the arm to the start of a trajectory [rad, m].',
         0.0,
         1.0,
     ),
     Row(
         'stopped_velocity_tolerance',
         0.02,
-        'Velocity below which a joint counts as standing [rad/s, m/s].',
+        'Velocity below which a joint counts as stopped [rad/s, m/s].',
         1e-6,
         10.0,
     ),
     Row(
         'state_timeout',
         1.0,
-        'Without the state of the joints for this time, a goal is stopped [s].',
+        'Joint state timeout, after which a goal is stopped [s].',
         0.2,
         60.0,
     ),
-    Row('reply_timeout', 2.0, 'Patience for the answers of the driver behind [s].', 0.05, 60.0),
+    Row('reply_timeout', 2.0, 'Reply timeout of the downstream driver [s].', 0.05, 60.0),
 )
 
 DEFAULT_NAME = 'smooth_goals'
@@ -268,7 +268,7 @@ class SmoothGoals:
         self._goals: list[PassedGoal] = []
         self._last: asyncio.Task[None] | None = None
         self._ending: Outcome | None = None
-        self._bridge = LoopBridge(node, self._context, self._leave_all, 'all goals are left')
+        self._bridge = LoopBridge(node, self._context, self._leave_all, 'stopping all goals')
         group = self._bridge.group
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(
@@ -284,7 +284,7 @@ class SmoothGoals:
             RESULT_TIMEOUT_S,
         )
         self._action = GoalAction(action, self, self._bridge)
-        self._logger.info(f'smooth goals go to {self._behind.name}')
+        self._logger.info(f'smooth goals are sent to {self._behind.name}')
 
     # --- the process ------------------------------------------------------------------------
 
@@ -322,7 +322,7 @@ class SmoothGoals:
                 if known.get(key) != row.get(key) and name not in self._contradicted:
                     self._contradicted[name] = why = (
                         f'robot_description gives two values for {name}, {key}: '
-                        f'{known.get(key)} and {row.get(key)}; stop the wrong publisher, then '
+                        f'{known.get(key)} and {row.get(key)}. Stop the wrong publisher, then '
                         'restart smooth_goals'
                     )
                     self._logger.error(why)
@@ -345,7 +345,7 @@ class SmoothGoals:
             raise GoalRejectedError(ErrorCode.INVALID_JOINTS, str(error)) from error
         for sentence in assumed:
             if sentence not in self._assumed:
-                self._logger.warning(f'no limit is known, and assumed is {sentence}')
+                self._logger.warning(f'unknown limit, assuming {sentence}')
         self._assumed |= {*assumed}
         if self._parameters['timing'] == 'time_optimal':
             trajectory = untimed(trajectory, limits)
@@ -392,7 +392,7 @@ class SmoothGoals:
         self._last = self._loop.create_task(work, context=self._context)
 
     async def _execute(self, goal: PassedGoal, before: 'asyncio.Task[None] | None') -> None:
-        outcome = _aborted('a defect of smooth_goals; its log says more')
+        outcome = _aborted('internal error of smooth_goals, see its log')
         try:
             if before is not None:
                 await asyncio.wait({before})
@@ -411,7 +411,7 @@ class SmoothGoals:
         """Plan and send a goal and return its outcome. Raises GoalRejectedError."""
         age = self._parameters['state_timeout']
         if (moves := await self._not_standing(goal)) is not None:
-            raise _rejected(f'{moves}: a goal begins where the arm stands')
+            raise _rejected(f'{moves}: a goal must start with the arm at rest')
         start = goal.limits.settled(self._arm.of(goal.limits, age)[0])
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
@@ -476,7 +476,7 @@ class SmoothGoals:
             if sent.result.done():
                 return sent.result.result()
             why = goal.why or _aborted(lost.result())
-            return replace(why, text=f'{why.text}; {await self._stopped(driven, sent)}')
+            return replace(why, text=f'{why.text}, {await self._stopped(driven, sent)}')
         except Exception:
             await sent.cancel(self._parameters['reply_timeout'])
             raise
@@ -497,7 +497,7 @@ class SmoothGoals:
             if goal_time > 0.0 and self._loop.time() > latest:
                 return f'{self._behind.name} gave no result within {patience:.3g} s'
             await asyncio.sleep(WATCH_PERIOD_S)
-        return f'{self._behind.name} is not served any more'
+        return f'{self._behind.name} has no server any more'
 
     async def _stopped(self, driven: Driven, sent: Sent) -> str:
         """Stop the arm and return a clause about the stop and its observed result."""
@@ -505,11 +505,11 @@ class SmoothGoals:
         if how is None:
             how = f'{self._behind.name} stopped it'
             if not self._behind.there:
-                how = 'nothing can be sent to its driver'
+                how = 'its driver is not reachable'
             elif not await sent.cancel(self._parameters['reply_timeout']):
                 how = f'{self._behind.name} DID NOT ANSWER THE CANCEL'
             self._logger.warning(f'the stop of a goal was not smooth: {how}')
-        return f'{how}; {await self._not_standing(driven.goal) or "the arm stands"}'
+        return f'{how}, {await self._not_standing(driven.goal) or "the arm is at rest"}'
 
     async def _braked(self, driven: Driven, sent: Sent) -> str | None:
         """Brake within the limits and return the result, or None if impossible or not accepted."""
@@ -524,7 +524,7 @@ class SmoothGoals:
         patience = values['reply_timeout'] + 2.0 * values['lead']
         if at >= driven.points.duration:  # its planned end is as early
             done, _ = await asyncio.wait({sent.result}, timeout=patience)
-            return 'it had come to its end' if done else None
+            return 'it had ended' if done else None
         try:
             begin = passed - 2.0 * values['period']
             rest = driven.motion.stopped(at, values['period'], begin)
@@ -540,7 +540,7 @@ class SmoothGoals:
             self._logger.error(f'no smooth stop: {error}')
             return None
         if self._loop.time() - began > at - passed:
-            self._logger.error('a stop was taken late: what was commanded may have jumped')
+            self._logger.error('a stop was accepted late: the commanded position may have jumped')
         patience += rest.duration - passed
         done, _ = await asyncio.wait({braking.result}, timeout=patience)
         if not done:
@@ -589,8 +589,8 @@ def _goal_time(goal: PassedGoal, duration: float) -> float:
     if 0.0 < given <= late:
         raise GoalRejectedError(
             ErrorCode.GOAL_TOLERANCE_VIOLATED,
-            f'inside the limits it takes {duration:.3f} s, planned are '
-            f'{goal.trajectory.duration:.3f} s and goal_time_tolerance is {given:g} s',
+            f'within the limits it takes {duration:.3f} s, but planned are '
+            f'{goal.trajectory.duration:.3f} s with goal_time_tolerance = {given:g} s',
         )
     return given - late if given > 0.0 else given
 

@@ -114,7 +114,7 @@ def named_tool(
     FRAME_NAME.checked(name, name_field)
     if name in links(model):
         raise InputError(
-            f'{name_field} = {shown(name)}: the arm, or its place, has a frame of that name'
+            f'{name_field} = {shown(name)}: must not be the name of a frame of the arm or its base'
         )
     array = finite_numbers(pose_field, values)
     if array.shape != (7,):
@@ -161,12 +161,12 @@ class ToolInterface:
                 self._model, pose_values(request.pose), request.name or self._usual_name
             )
             self._apply(tool)
-            told = self._primitives.set_payload(payload)
+            sent = self._primitives.set_payload(payload)
         except (ValueError, ToolBusyError) as error:
             response.message = str(error)
             response.success = False
         else:
-            response.message = self._sentence(tool, payload, told)
+            response.message = self._sentence(tool, payload, sent)
             response.success = True
         self._logger.info(f'~/set_tool: {response.message}')
         return response
@@ -174,20 +174,20 @@ class ToolInterface:
     def _apply(self, tool: NamedTool) -> None:
         """Use a tool, and publish its frame. Raises ToolBusyError, InputError."""
         if self._frames.taken(tool.name, 'tool'):
-            raise InputError(f'name = {shown(tool.name)}: a taught point has a frame of that name')
+            raise InputError(f'name = {shown(tool.name)}: must not be the name of a taught point')
         self._primitives.set_tool(tool.pose)
         self._frames.publish('tool', FLANGE, {tool.name: tool.values})
 
-    def _sentence(self, tool: NamedTool, payload: float, told: bool) -> str:
+    def _sentence(self, tool: NamedTool, payload: float, sent: bool) -> str:
         x, y, z = tool.values[:3]
         prefix = self._frames.prefix
         text = (
-            f'motion primitives move {prefix}{tool.name} from now on, at {x:g}, {y:g}, '
+            f'motion primitives now use {prefix}{tool.name}, at {x:g}, {y:g}, '
             f'{z:g} m in {prefix}{FLANGE}'
         )
         if payload:
-            note = 'told with each motion' if told else 'a note, which the controller is not told'
-            text += f'; payload {payload:g} kg: {note}'
+            note = 'sent with each motion' if sent else 'only noted, not sent to the controller'
+            text += f', payload {payload:g} kg: {note}'
         return text
 
 

@@ -45,7 +45,7 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
         if any(point.effort):
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
-                f'point {index}: effort must be empty or 0: controllers take none',
+                f'point {index}: effort must be empty or 0, because controllers accept none',
             )
     trajectory = Trajectory(
         names,
@@ -125,8 +125,8 @@ def tolerances_from_messages(
             elif value > 0.0:
                 raise GoalRejectedError(
                     ErrorCode.INVALID_GOAL,
-                    f'{field}, {message.name}: {quantity} = {value:g} cannot be checked: the '
-                    f'controller reports no accelerations; leave it at 0',
+                    f'{field}, {message.name}: {quantity} = {value:g} must be 0: the '
+                    f'controller reports no accelerations',
                 )
     return Tolerances(values['position'], values['velocity'])
 

@@ -81,13 +81,11 @@ class Access:
             return Rejection(FORBIDDEN, f'this panel is not {shown(host)}')
         origin = headers.get('origin')
         if origin is None and is_upgrade(headers):
-            return Rejection(FORBIDDEN, 'a websocket without an Origin is not let in')
+            return Rejection(FORBIDDEN, 'a websocket without an Origin is rejected')
         if origin is not None and origin.lower() not in {f'http://{each}' for each in own}:
             return Rejection(FORBIDDEN, f'{shown(origin)} is not the page of this panel')
         if self.token is not None and not self._has_token(path, headers):
-            return Rejection(
-                FORBIDDEN, 'a token is needed: open the address that the panel has printed'
-            )
+            return Rejection(FORBIDDEN, 'a token is needed: open the address printed by the panel')
         return None
 
     @property

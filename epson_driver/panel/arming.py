@@ -66,13 +66,13 @@ class Arming:
         with self._lock:
             self._connected.discard(browser)
             self._alive.pop(browser, None)
-            self.disarm('the armed window of the panel is gone', browser)
+            self.disarm('the armed window of the panel was closed', browser)
 
     def arm(self, browser: int) -> None:
         """Arm a browser. Raises NotArmedError if it cannot be armed, with the reason."""
         with self._lock:
             if browser not in self._connected:
-                raise NotArmedError('this window is not connected any more')
+                raise NotArmedError('this window is disconnected')
             why = self._forbidden()
             if why is not None:
                 raise NotArmedError(why)
@@ -81,7 +81,7 @@ class Arming:
                     'another window of the panel is armed: disarm it there, or close it'
                 )
             if not self._is_alive(browser):
-                raise NotArmedError('this window gives no sign of life: reload the page')
+                raise NotArmedError('this window does not respond: reload the page')
             self._holder = browser
 
     def disarm(self, why: str, browser: int | None = None) -> bool:
@@ -100,7 +100,7 @@ class Arming:
                 return
             why = self._forbidden()
             if why is None and not self._is_alive(self._holder):
-                why = 'the armed window is frozen, hidden or cut off'
+                why = 'the armed window is frozen, hidden or disconnected'
             if why is not None:
                 self.disarm(why)
 

@@ -96,7 +96,7 @@ class Jog:
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'
         most = MAX_STEP_RAD if turns else MAX_STEP_M
         if not 0.0 < abs(size) <= most:
-            raise RequestError(f'a step of {size:g} is not within {most:.3g} rad or m')
+            raise RequestError(f'step = {size:g}: must be within {most:.3g} rad or m')
         if index is not None:
             goal = joints.copy()
             goal[index] += size
@@ -119,7 +119,7 @@ class Jog:
         except KinematicsError as error:
             raise RequestError(f'its joints cannot be computed: {error}') from error
         if not len(found):
-            raise RequestError('the arm does not reach it')
+            raise RequestError('out of reach')
         return np.asarray(found[0])
 
     def way(self, path: Array, share: float) -> Trajectory:
@@ -178,7 +178,9 @@ class Jog:
         jacobian = self.kinematics.jacobian(joints)
         found = np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
         if np.linalg.norm(jacobian @ found - twist) > NOT_REACHED * np.linalg.norm(twist):
-            raise RequestError('the tool cannot move so from here: turn a joint first')
+            raise RequestError(
+                'the tool cannot move in this direction from here: move a joint first'
+            )
         return np.asarray(found)
 
     def _line(self, joints: Array, way: Array) -> Array:
@@ -209,7 +211,7 @@ class Jog:
             joints = (
                 joints + np.linalg.lstsq(self.kinematics.jacobian(joints), missing, rcond=1e-6)[0]
             )
-        raise RequestError('the tool cannot go there on a straight line')
+        raise RequestError('the tool cannot move there on a straight line')
 
     def _check_ends(self, joints: Array, velocities: Array) -> None:
         limits = self.model.limits

@@ -14,8 +14,8 @@ GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknow
 
 
 WORDS = {
-    Remedy.CONNECT: 'check that it runs, the cable and robot_ip; the driver connects by itself, '
-    'then press Enable',
+    Remedy.CONNECT: 'check that it is running, the cable and robot_ip. The driver reconnects '
+    'automatically, then press Enable',
     Remedy.CHECK_STATE_SERVER: 'wait, or check the controller',
     Remedy.RELEASE_ESTOP: 'release the E-stop, then Reset error, then Enable',
     Remedy.RESET: 'Reset error, then Enable',
@@ -104,7 +104,7 @@ def _tri(name: str, value: Tri, yes: tuple[str, str], no: tuple[str, str]) -> La
 def advice(state: RobotState, now: float) -> Advice:
     """Return the first obstacle to motion with its remedy, or that the arm is ready or moving."""
     if not state.fresh('diagnostics', now):
-        remedy = 'STOP may not reach it: use the E-stop. Start it, or look whether it still runs'
+        remedy = 'STOP may not reach it: use the E-stop. Start it, or check whether it is running'
         return Advice('the driver does not report', remedy, UNKNOWN)
     found = state.inhibit
     condition = _condition(state, now)
@@ -122,7 +122,7 @@ def advice(state: RobotState, now: float) -> Advice:
     if found is not None:
         colour = WARN if found.cause in CALM else BAD
         return Advice(found.text, with_remedy(found.advice, found.remedy, WORDS), colour)
-    doing = 'a goal is being executed' if state.goal_running else 'ready for a goal'
+    doing = 'executing a goal' if state.goal_running else 'ready for a goal'
     return Advice(doing, '', GOOD)
 
 

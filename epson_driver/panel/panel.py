@@ -85,7 +85,7 @@ class Panel:
         """End the panel after a failure. A page that only looks alive would be worse than none."""
         if self._failure is None:
             self._failure = error
-            _log.critical('%s: the panel ends', what, exc_info=error)
+            _log.critical('%s: stopping the panel', what, exc_info=error)
         self._ended.set()
 
     def run(self) -> int:
@@ -135,7 +135,7 @@ class Panel:
         else:
             about = views.get(text(asked, 'robot'))
             if about is None:
-                window.say('Not done: this robot is gone')
+                window.say('Not done: this robot has disappeared')
                 return
             if word in ('jog', 'step') and late:
                 return
@@ -149,7 +149,7 @@ class Panel:
     def _attempt(self, window: Window, control: RobotControl, asked: Mapping[str, Any]) -> None:
         action = self._requests.table.get(asked['do'])
         if action is None:
-            raise BadMessageError('there is no such request')
+            raise BadMessageError('unknown request')
         try:
             action(control, window.number, asked)
         except RequestError as error:
@@ -159,7 +159,7 @@ class Panel:
         except BadMessageError:
             raise
         except BaseException as error:  # noqa: BLE001 - reported by `fail`, which ends the panel
-            self.fail('what a button does failed', error)
+            self.fail('the action of a button failed', error)
 
     def _choose(self, window: Window, robot: str) -> None:
         window.choose(robot)
@@ -186,7 +186,7 @@ class Panel:
                 self._forget_gone(now)
                 self._add_views()
                 if not self.web.alive:
-                    raise RuntimeError('nothing serves the page any more')
+                    raise RuntimeError('the page is no longer served')
             for view in self._views.values():
                 view.look(now)
             if is_due('beat', BEAT_PERIOD_S):
@@ -255,7 +255,7 @@ class Panel:
             stack.callback(self.web.stop)
             stack.callback(self._end_goals)
             for view in self._views.values():
-                stack.callback(view.control.arming.disarm, 'the panel ends')
+                stack.callback(view.control.arming.disarm, 'the panel is stopping')
 
     def _end_goals(self) -> None:
         if not self.ros.cancel_goals():

@@ -50,7 +50,7 @@ def number(message: Message, key: str, low: float, high: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise BadMessageError(f'{key} must be a number')
     if not low <= value <= high:
-        raise BadMessageError(f'{key} must be within {low:g} and {high:g}')
+        raise BadMessageError(f'{key} must be from {low:g} to {high:g}')
     return float(value)
 
 
@@ -83,7 +83,7 @@ class Requests:
         name, trajectory = self._trajectory(message)
         with control.arming.held(browser):
             if away := control.away_from_start(trajectory):
-                raise RequestError(f'{away} from the start of {name}: go there first')
+                raise RequestError(f'{away} from the start of {name}: move there first')
             control.execute(browser, name, trajectory)
 
     def _go_to_start(self, control: RobotControl, browser: int, message: Message) -> None:
@@ -92,7 +92,7 @@ class Requests:
     def _trajectory(self, message: Message) -> tuple[str, Trajectory]:
         name = text(message, 'name')
         if name not in self._trajectories:
-            raise RequestError('there is no such trajectory')
+            raise RequestError('unknown trajectory')
         return name, self._trajectories[name]
 
 
@@ -128,7 +128,7 @@ def _step(control: RobotControl, browser: int, message: Message) -> None:
 def _switch(control: RobotControl, browser: int, message: Message, kind: int) -> None:
     index, state = int(number(message, 'index', 0, 1e6)), control.robot.state
     if state.io_reason:
-        raise RequestError(f'I/O is not known: {state.io_reason}')
+        raise RequestError(f'I/O is unknown: {state.io_reason}')
     for each in state.io:
         if each.type == kind and 0 <= index - each.start < len(each.values):
             value = 0 if each.values[index - each.start] else 1
@@ -137,11 +137,11 @@ def _switch(control: RobotControl, browser: int, message: Message, kind: int) ->
             else:
                 control.set_input(index, value)
             return
-    raise RequestError(f'there is no point {index}')
+    raise RequestError(f'unknown point {index}')
 
 
 def _press(control: RobotControl, browser: int, message: Message) -> None:
     what, how = text(message, 'what'), text(message, 'how')
     if how not in PENDANT.get(what, {}):
-        raise BadMessageError('there is nothing of that name at the pendant')
+        raise BadMessageError('unknown pendant action')
     control.press(browser, what, how)

@@ -113,11 +113,11 @@ class RobotControl:
         asked = self._stop_asked
         if asked is not None and self._clock() - asked > STOP_ANSWER_S:
             self._stop_asked = None
-            self._raise_alarm(f'the driver has not answered for {STOP_ANSWER_S:g} s')
+            self._raise_alarm(f'no reply from the driver within {STOP_ANSWER_S:g} s')
 
     def end(self) -> None:
         """Release a robot that is gone."""
-        self.arming.disarm('the robot is gone')
+        self.arming.disarm('the robot has disappeared')
         if self._pendant is not None:
             self._pendant.end()
 
@@ -130,7 +130,7 @@ class RobotControl:
         except (OSError, ValueError) as error:
             self.model = self.hand = None
             self.robot.state.fastest = ()
-            self.robot.log(f'no picture of the arm: {error}', WARN)
+            self.robot.log(f'no 3D view of the arm: {error}', WARN)
             return
         for sentence in self.model.cautions:
             self.robot.log(sentence, WARN)
@@ -148,19 +148,19 @@ class RobotControl:
         now, state = self._clock(), self.robot.state
         for name, text in (
             ('diagnostics', 'the driver does not report'),
-            ('joints', state.no_joints or 'there are no joint states'),
-            ('status', 'there is no robot_status'),
+            ('joints', state.no_joints or 'no joint states'),
+            ('status', 'no robot_status'),
         ):
             if not state.fresh(name, now):
-                return f'{text}: nothing may be moved that cannot be seen'
+                return f'{text}: motion needs a visible robot'
         if state.link != 'connected':
-            return 'there is no link to the controller'
+            return 'no link to the controller'
         if state.times.get('parameters', 0.0) < state.times['first joints']:
-            return 'the driver has not said yet which robot it has now'
+            return 'the robot of the driver is still unknown'
         if not self._allow_motion and not self.simulated:
             return (
-                'this robot is real, or nobody says that it is simulated: only a panel that was '
-                'started with --allow-motion may move it'
+                'this robot is real, or not known to be simulated: only a panel started with '
+                '--allow-motion may move it'
             )
         return None
 
@@ -299,13 +299,13 @@ class RobotControl:
 
     def _hand(self) -> Jog:
         if self.hand is None:
-            raise RequestError('the robot model is not known')
+            raise RequestError('the robot model is unknown')
         return self.hand
 
     def _here(self) -> Array:
         here = self.robot.state.positions
         if self.model is None or len(here) != len(self.model.joint_names):
-            raise RequestError('the robot model is not known, or has other joints')
+            raise RequestError('the robot model is unknown, or has other joints')
         return here
 
     def away_from_start(self, trajectory: Trajectory) -> str:
@@ -327,7 +327,7 @@ class RobotControl:
         names = self.robot.state.joint_names
         if trajectory.positions.shape[1] != len(names):
             raise RequestError(
-                f'the trajectory is for {trajectory.positions.shape[1]} joints, the robot has '
+                f'the trajectory has {trajectory.positions.shape[1]} joints, but the robot '
                 f'{len(names)}'
             )
         for known in (names, () if self.model is None else self.model.joint_names):
@@ -371,7 +371,7 @@ class RobotControl:
 
     def _press(self, asked: Action, text: str) -> None:
         if self._pendant is None:
-            raise NotSimulatedError('no simulated controller is known')
+            raise NotSimulatedError('no simulated controller found')
 
         def say(why: str, done: bool) -> None:
             self.robot.log(text if done else f'{text}: refused: {why}', INFO if done else WARN)

@@ -106,7 +106,7 @@ class RobotState:
     tracking_error: Array | None = None
     speed: float | None = None
     io: tuple[IoRange, ...] = ()
-    io_reason: str = 'nothing was reported yet'
+    io_reason: str = 'nothing reported yet'
     simulation: Simulation | None = None
     taught: Mapping[str, Array] = field(default_factory=dict)
     """Points by name: x y z, m, in base_link, and a quaternion x y z w, shape (7,)."""

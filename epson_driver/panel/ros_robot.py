@@ -196,9 +196,7 @@ class RosRobot:
             self._points.forget()
             for goal in self.goals:
                 self._forget(goal)
-                self.log(
-                    f'{goal.text}: the driver is gone, and what became of it is not known', WARN
-                )
+                self.log(f'{goal.text}: the driver has disappeared, the result is unknown', WARN)
             return
         self._points.look(now)
         if self._asking is not None and now - self._asked > PARAMETERS_TIMEOUT_S:
@@ -318,7 +316,7 @@ class RosRobot:
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
         """Send a trajectory as a goal. Raises NoDriverError."""
         if not self._action.server_is_ready():
-            raise NoDriverError(f'nobody serves {self.name}/follow_joint_trajectory')
+            raise NoDriverError(f'no server for {self.name}/follow_joint_trajectory')
         goal = Goal(text, self._executor)
         with self._goals_lock:
             self._goals.append(goal)
@@ -372,9 +370,9 @@ class RosRobot:
 
     def _call(self, client: Any, request: Any, name: str, say: Say) -> None:
         if not client.service_is_ready():
-            raise NoDriverError(f'nobody serves {client.srv_name}')
+            raise NoDriverError(f'no server for {client.srv_name}')
         late = threading.Timer(
-            ANSWER_TIMEOUT_S, say, (f'{name}: no answer in {ANSWER_TIMEOUT_S:g} s', ERROR)
+            ANSWER_TIMEOUT_S, say, (f'{name}: no reply within {ANSWER_TIMEOUT_S:g} s', ERROR)
         )
         late.daemon = True
         late.start()

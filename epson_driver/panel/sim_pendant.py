@@ -53,7 +53,7 @@ class SimPendant:
     def press(self, asked: Action, say: Say) -> None:
         """Send an action to the controller and call `say` in another thread."""
         if self.latest is None:
-            raise NotSimulatedError('no simulated controller answers')
+            raise NotSimulatedError('no reply from a simulated controller')
         self._loop.call_soon_threadsafe(self._commands.put_nowait, (asked, say))
 
     def end(self) -> None:
@@ -94,7 +94,7 @@ class SimPendant:
             except ValueError as error:  # nothing was sent
                 say(str(error), False)
             except BaseException:
-                say(f'{asked.commands[0]}: the controller did not answer', False)
+                say(f'{asked.commands[0]}: no reply from the controller', False)
                 raise
             else:
                 say('', True)
@@ -112,7 +112,7 @@ class SimPendant:
     def _refuse_waiting(self) -> None:
         while not self._commands.empty():
             asked, say = self._commands.get_nowait()
-            say(f'{asked.commands[0]}: no simulated controller answers', False)
+            say(f'{asked.commands[0]}: no reply from a simulated controller', False)
 
 
 class PendantThread:

@@ -105,7 +105,7 @@ class WebServer:
         on_error: Callable[[str, BaseException], None],
     ) -> None:
         if token is None and not is_loopback(host):
-            raise WebServerError(f'{host} is reached from other machines: a token is needed')
+            raise WebServerError(f'{host} can be reached from other machines: a token is needed')
         self._listening = _listening(host, port)
         self.port: int = self._listening.getsockname()[1]
         self.access = Access(self.port, own_names(host), token)
@@ -172,7 +172,7 @@ class WebServer:
         except ConnectionClosed:
             pass  # whatever ended it, the window is gone
         except Exception as error:  # noqa: BLE001 - websockets would only print it
-            self._on_error('what a window asked for failed', error)
+            self._on_error('a request of a window failed', error)
         finally:
             writing.cancel()
             try:
@@ -233,8 +233,8 @@ def _what(host: str, port: int) -> str:
 
 def _remedy(error: OSError) -> str:
     if error.errno == errno.EADDRNOTAVAIL:
-        return 'this machine has no such address: give one of its own with --host'
-    return 'end the process that has it, or choose another with --port (0: any free one)'
+        return 'this machine has no such address: set one of its addresses with --host'
+    return 'end the process that uses it, or set another with --port (0: any free port)'
 
 
 def _answer(
@@ -244,7 +244,7 @@ def _answer(
     headers = {}
     for name, value in request.headers.raw_items():
         if name.lower() in headers and name.lower() != 'cookie':
-            return _text(400, f'the header {name} is there twice')
+            return _text(400, f'the header {name} occurs twice')
         headers[name.lower()] = value
     rejection = access.rejection(request.path, headers, connection.local_address[0])
     if rejection is not None:
@@ -253,7 +253,7 @@ def _answer(
         return None
     page = pages.get(request.path.partition('?')[0])
     if page is None:
-        return _text(404, 'there is no such page')
+        return _text(404, 'unknown page')
     return _response(200, page, access.new_headers(request.path))
 
 

@@ -99,7 +99,7 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
         TypeError,
         ValueError,
     ) as error:
-        raise ValueError(f'{len(data)} bytes that are no value: {error}') from error
+        raise ValueError(f'{len(data)} bytes without a value: {error}') from error
 
 
 def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:

@@ -130,7 +130,7 @@ def _range(where: str, value: Any) -> tuple[float, float]:
         raise InputError(f'{where} = {shown(value)}: must be two numbers, in V')
     low, high = (_VOLTS.checked(held, f'{where}[{at}]') for at, held in enumerate(value))
     if not low <= 0.0 <= high:
-        raise InputError(f'{where} = {shown(value)}: 0 V must be in it')
+        raise InputError(f'{where} = {shown(value)}: must include 0 V')
     return low, high
 
 
@@ -165,5 +165,5 @@ def _output(where: str, name: Any, profile: IoProfile) -> Point:
     known = kind in counts and index.isascii() and index.isdigit()
     if not known or len(index) > 4 or int(index) >= counts[kind]:
         outputs = ' or '.join(f'{kind}0 to {kind}{n - 1}' for kind, n in counts.items() if n)
-        raise InputError(f'{where}: {shown(name)} is no output: must be {outputs or "left out"}')
+        raise InputError(f'{where}: {shown(name)} must be an output: {outputs or "left out"}')
     return OUTPUTS[kind], int(index)

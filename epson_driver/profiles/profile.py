@@ -304,7 +304,7 @@ def _read(path: Path) -> dict[str, Any]:
         file = printable(path)
         real = os.path.realpath(path)
         if real in read:
-            raise InputError(f'{file}: like = {shown(like)}: that one is like this one')
+            raise InputError(f'{file}: like = {shown(like)}: must not refer back to this file')
         if not isinstance(data, dict):
             raise InputError(f'{file}: the file = {shown(data)}: must be a mapping')
         read.append(real)

@@ -55,7 +55,7 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     bits, _, number = value.partition(',')
     known = number.isdecimal() and len(number) <= MAX_ERROR_DIGITS
     if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
-        raise ConnectionError(f"'{value[:40]}' is no status")
+        raise ConnectionError(f"'{value[:40]}' is not a status")
     named = zip(FLAGS[-len(bits) :], bits, strict=True)
     return tuple(name for name, bit in named if bit == '1'), int(number)
 
@@ -110,5 +110,5 @@ async def ask_positions(ask: Ask, units: Sequence[str]) -> tuple[tuple[float, ..
         positions = [n * _SI_UNITS[unit] for n, unit in zip(numbers[:-1], units, strict=True)]
     except ValueError as error:
         shown = value[:_SHOWN_CHARACTERS]
-        raise ConnectionError(f"'{shown}' is no answer to {command}") from error
+        raise ConnectionError(f"'{shown}' is not a reply to {command}") from error
     return tuple(positions), bool(numbers[-1])

@@ -36,11 +36,11 @@ class RemoteErrorNumber(IntEnum):
 
 
 MEANINGS: dict[int, str] = {
-    RemoteErrorNumber.NO_DOLLAR: 'the command does not begin with $',
-    RemoteErrorNumber.BAD_COMMAND: 'the command is unknown, or nobody is logged in',
+    RemoteErrorNumber.NO_DOLLAR: 'the command does not start with $',
+    RemoteErrorNumber.BAD_COMMAND: 'the command is unknown, or no client is logged in',
     RemoteErrorNumber.FORMAT: 'the format of the command is wrong',
     RemoteErrorNumber.PASSWORD: 'the password is wrong',
-    RemoteErrorNumber.COUNT: 'the number of values asked for is wrong',
+    RemoteErrorNumber.COUNT: 'the number of requested values is wrong',
     RemoteErrorNumber.PARAMETER: 'a parameter is wrong',
     RemoteErrorNumber.TIMEOUT: 'the controller took too long',
     RemoteErrorNumber.NOT_READY: 'the controller does not accept it in its present condition',
@@ -199,23 +199,23 @@ async def _ask_at(
 
 async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:
     if not command.isprintable():
-        raise ValueError(f'{without_password(command)!r} is not one command')
+        raise ValueError(f'{without_password(command)!r} must be one command')
     writer.write(f'${command}\r\n'.encode())
     await writer.drain()
     try:
         line = await reader.readline()
     except ValueError as error:
         shown = without_password(command)
-        raise ConnectionError(f'the answer to {shown} does not end') from error
+        raise ConnectionError(f'the reply to {shown} has no end') from error
     answer = printable(line.decode(errors='replace').strip())
     if not line.endswith(b'\n'):
         shown = without_password(command)
-        raise HungUpError(f'closed by the controller before it answered {shown}')
+        raise HungUpError(f'closed by the controller before the reply to {shown}')
     result = answer_to(answer, command)
     if result is None:
         cut = len(answer) > _MAX_SHOWN_CHARACTERS
         shown = f'{answer[:_MAX_SHOWN_CHARACTERS]}…' if cut else answer
-        raise ConnectionError(f"'{shown}' is no answer to {without_password(command)}")
+        raise ConnectionError(f"'{shown}' is not a reply to {without_password(command)}")
     if isinstance(result, RemoteError):
         raise result
     return result

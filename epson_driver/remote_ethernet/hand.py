@@ -46,35 +46,33 @@ ACTIONS = {
     'motors off': Action(('SetMotorsOff,1',), 'motors off', stops=True),
     'power high': Action(('Sim,power,high', 'Execute,"Power High"'), 'power high'),
     'power low': Action(
-        ('Sim,power,low', 'Execute,"Power Low"'), 'power low, until it is said to be high'
+        ('Sim,power,low', 'Execute,"Power Low"'), 'low power forced until `power high`'
     ),
     'estop press': Action(('Sim,estop,press',), 'E-stop pressed', stops=True),
-    'estop release': Action(
-        ('Sim,estop,release',), 'E-stop released; it stays latched until the reset'
-    ),
+    'estop release': Action(('Sim,estop,release',), 'E-stop released (latched until `reset`)'),
     'door open': Action(('Sim,door,open',), 'door open', stops=True),
     'door close': Action(
-        ('Sim,door,close',), 'door closed; what it interrupted waits for continue'
+        ('Sim,door,close',), 'door closed (interrupted tasks wait for `continue`)'
     ),
     'mode auto': Action(('Sim,mode,auto',), 'key switch at AUTO'),
-    'mode manual': Action(('Sim,mode,manual',), 'key switch at MANUAL; the motors go off'),
-    'pause': Action(('Pause',), 'paused; continue goes on', stops=True),
-    'continue': Action(('Sim,continue', 'Continue'), 'the tasks go on', moves=True),
-    'stop': Action(('Stop',), 'the tasks are stopped; start runs them again', stops=True),
-    'start': Action(('Start,0',), 'the tasks run', moves=True),
-    'reset': Action(('Reset',), 'reset; the motors are switched on separately'),
+    'mode manual': Action(('Sim,mode,manual',), 'key switch at MANUAL, motors off'),
+    'pause': Action(('Pause',), 'all tasks paused (resume with `continue`)', stops=True),
+    'continue': Action(('Sim,continue', 'Continue'), 'tasks resumed', moves=True),
+    'stop': Action(('Stop',), 'all tasks stopped (restart with `start`)', stops=True),
+    'start': Action(('Start,0',), 'main started', moves=True),
+    'reset': Action(('Reset',), 'reset done (switch the motors on separately)'),
     'io': Action(('Sim,io',)),
     'fault': Action(('Sim,fault,list',)),
 }
 """Actions without further words."""
 
 FORMS = {
-    'io KIND INDEX': 'read a point; KIND is DI, DO, AI, AO or flag',
-    'io KIND INDEX VALUE': 'set it (an input: as if wired so): on, off, or mV',
+    'io KIND INDEX': 'read an I/O point, KIND = DI, DO, AI, AO or flag',
+    'io KIND INDEX VALUE': 'set an I/O point (an input too): on, off, or mV',
     'fault NAME [KEY=VALUE …]': 'start a fault',
-    'fault clear [NAME]': 'clear one, or all',
+    'fault clear [NAME]': 'clear one fault, or all',
     'disturb JOINT DEGREES': 'push a joint',
-    'reboot [SECONDS]': 'switch off and on again',
+    'reboot [SECONDS]': 'power cycle',
 }
 """Actions with further words, and their descriptions."""
 
@@ -109,7 +107,7 @@ def _point(words: Sequence[str]) -> Action:
     number = SWITCH.get(value, value)
     if len(words) not in (2, 3) or not index.isdecimal() or (number and not _is_number(number)):
         said = ' '.join(words)[:MAX_ECHO_CHARACTERS]
-        raise UsageError(f'io {said}: must be io KIND INDEX [VALUE], VALUE on, off or a number')
+        raise UsageError(f'io {said}: must be io KIND INDEX [VALUE], VALUE = on, off or a number')
     commands = [','.join(filter(None, ('Sim', 'io', kind, index, number)))]
     if real := POINTS.get(kind, ('', ''))[bool(number)]:
         commands.append(real.format(index, number))
@@ -130,7 +128,7 @@ async def do(ask: Ask, asked: Action) -> str:
                 continue
             why = await told(ask, 'Sim,why')
             raise RefusedError(why or str(error), error.number, explained=bool(why)) from error
-    raise RefusedError('this is no simulation: it is done by hand, at the controller')
+    raise RefusedError('not possible remotely at a real controller: do it there by hand')
 
 
 async def told(ask: Ask, command: str) -> str:

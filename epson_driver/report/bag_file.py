@@ -80,7 +80,7 @@ def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
     then.
     """
     if folder.exists():
-        raise RunError(f'{folder}: is there already; a bag is a new folder')
+        raise RunError(f'{folder}: must be a new folder for the bag')
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f'.{folder.name}', dir=folder.parent) as scratch:
         made = Path(scratch, folder.name)

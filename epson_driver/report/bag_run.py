@@ -86,7 +86,7 @@ MAX_JOINT_STATES = 3_000_000
 USUAL_BYTES, GROWTH = 128 * MEGABYTE, 50
 """Memory for a bag, bytes, and extra memory for each of its bytes (an arm at rest needs 20)."""
 
-CUT_OFF = 'the file breaks off: its end, with the index, is missing; what is whole was read'
+CUT_OFF = 'the file is truncated: its end with the index is missing, complete messages were read'
 
 WANTED = (
     "record joint_states, robot_status, rosout and the driver's ~/link_state, ~/controller_state"
@@ -193,14 +193,14 @@ class _Bag:
             wanted = f'/{namespace.strip("/")}/joint_states'.replace('//', '/')
             if wanted not in found:
                 has = ', '.join(sorted(found)) or 'none'
-                raise RunError(f'{self._path}: no {wanted} in it (joint states: {has})')
+                raise RunError(f'{self._path}: it contains no {wanted} (joint states: {has})')
             return found[wanted]
         if not found:
             topics = ', '.join(sorted(each.topic for each in self._reader.connections)) or 'none'
             why = self._note or WANTED
-            raise RunError(f'{self._path}: no joint states in it (topics: {topics}): {why}')
+            raise RunError(f'{self._path}: it contains no joint states (topics: {topics}): {why}')
         if len(found) > 1:
-            text = f'joint states of several robots are in it ({", ".join(sorted(found))})'
+            text = f'it contains joint states of several robots ({", ".join(sorted(found))})'
             raise RunError(f'{self._path}: {text}: choose one with --namespace')
         return next(iter(found.values()))
 
@@ -248,7 +248,7 @@ class _Bag:
         except Exception as error:  # a truncated bag ends there
             if not self._times or isinstance(error, MemoryError):
                 raise
-            yield None, 0, f'the bag breaks off: {error!r}'
+            yield None, 0, f'the bag is truncated: {error!r}'
 
     def _joint_state(self, _connection: Connection, time: float, message: Any) -> None:
         if not self._names:
@@ -257,8 +257,8 @@ class _Bag:
             return
         if not (np.isfinite(message.position).all() and np.isfinite(message.velocity).all()):
             if not self._damaged:
-                text = 'joint states in which not all are numbers'
-                self._events.append(Event(time, 'warning', text, 'look at who published them'))
+                text = 'joint states with values that are not finite'
+                self._events.append(Event(time, 'warning', text, 'check their publisher'))
             self._damaged = True
             return
         if len(self._times) >= MAX_JOINT_STATES:
@@ -293,8 +293,8 @@ class _Bag:
         )
         rows = [p.positions for p in message.points]
         if wrong := _why_no_plan(times, rows, len(message.joint_names)):
-            text = f'a trajectory that nobody can execute ({connection.topic}): {wrong}'
-            self._events.append(Event(time, 'warning', text, 'look at who published it'))
+            text = f'an invalid trajectory ({connection.topic}): {wrong}'
+            self._events.append(Event(time, 'warning', text, 'check its publisher'))
             return
         positions = array([[row[k] for k in order] for row in rows], len(order))
         self._plans.append(Plan(time, times - times[0], positions))
@@ -358,20 +358,18 @@ class _Bag:
 
     def _finished(self, texts: ErrorTexts, end: float, broken: str) -> Run:
         joints = len(self._names)
-        notes = [f'from a bag: {self._states.topic} and what else of the robot is in it']
+        notes = [f'from a bag: {self._states.topic} and other topics of the robot']
         events = list(self._events)
         if broken:
             notes.append(broken)
-            events.append(Event(end, 'error', 'the recording breaks off here'))
+            events.append(Event(end, 'error', 'the recording ends here'))
         if not self._conditions:
-            notes.append(
-                f'no robot_status: nothing is known of motors, E-stop and errors; {WANTED}'
-            )
+            notes.append(f'no robot_status, so motors, E-stop and errors are unknown: {WANTED}')
         if not self._ours:
             events += condition_events(self._conditions, texts)
         plans = self._plans or list(_followed_plans(self._followed, joints))
         if not plans:
-            notes.append('no plan in it: neither ~/controller_state nor a trajectory')
+            notes.append('it contains no plan: neither ~/controller_state nor a trajectory')
         measured = len(self._velocities) == len(self._positions)
         return Run(
             source=self._path.name,
@@ -401,10 +399,10 @@ def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
         if len(row) != joints:
             return f'point {number} has {len(row)} positions for {joints} joints'
         if not np.isfinite(row).all():
-            return f'point {number} has positions that are not numbers'
+            return f'point {number} has positions that are not finite'
     falls = np.flatnonzero(np.diff(times) <= 0.0)
     if len(falls):
-        return f'the time of point {int(falls[0]) + 1} is not after that of the point before'
+        return f'point {int(falls[0]) + 1} must be later than the previous point'
     return ''
 
 

@@ -30,13 +30,11 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     Raises PictureError for another kind of arm, or without matplotlib.
     """
     if model.kind not in SHOWN:
-        raise PictureError(f'{model.name} ({model.kind}): no picture of such an arm')
+        raise PictureError(f'{model.name} ({model.kind}): this kind of arm cannot be plotted')
     try:
         import matplotlib as mpl
     except ImportError as error:
-        raise PictureError(
-            'a picture needs matplotlib: pip install epson_driver[report]'
-        ) from error
+        raise PictureError('plots need matplotlib: pip install epson_driver[report]') from error
     scara = model.kind == SCARA
     first, across, up, last = (0, 0, 1, -1) if scara else (1, 1, 2, 4)
     arm, limits = Kinematics(model), model.limits

@@ -176,7 +176,7 @@ CHANGES = {
         'release it, call ~/reset_error or reset at the controller, then ~/enable',
     ),
     ('e_stopped', NO): ('info', 'E-stop released', ''),
-    ('in_error', NO): ('info', 'no error any more', 'call ~/enable when the arm may move again'),
+    ('in_error', NO): ('info', 'error cleared', 'call ~/enable when the arm may move again'),
 }
 """Events for changes of a flag: level, text, remedy. Motion is shown in the curves."""
 

@@ -70,7 +70,7 @@ def column(
         sampled, at = motion
         return Column(title, sampled, measure(sampled, command, limits), at, 0.0)
     if plan is None:
-        raise ValueError('either the plan or the passages are needed')
+        raise ValueError('needs the plan or the passages')
     errors, at = passed(plan.positions, motion)
     return Column(title, motion, measure(motion, command, limits), at, float(errors.max()))
 
@@ -134,7 +134,7 @@ def draw(path: Path, study: Study) -> None:
         _draw_column(grid[:, place], each, study)
         width = max(max(durations) if together else durations[place], 0.1)
         grid[0, place].set_xlim(-0.02 * width, 1.02 * width)
-        grid[3, place].set_xlabel('time [s]' if together else 'time [s], a scale of its own')
+        grid[3, place].set_xlabel('time [s]' if together else 'time [s], separate scale')
     for row, limit in enumerate(_shown(study), start=1):
         grid[row, 0].set_ylim(-limit, limit)
     names = (
@@ -207,7 +207,9 @@ def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
         )
     stops = figures.stops + figures.commanded_stops
     said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
-    axes[0].set_title(f'{drawn.title}\n{figures.duration:.2f} s, {said} on the way', fontsize=11)
+    axes[0].set_title(
+        f'{drawn.title}\n{figures.duration:.2f} s, {said} during the motion', fontsize=11
+    )
     for part in axes:
         part.grid(alpha=0.25)
         part.tick_params(labelsize=9)

@@ -57,17 +57,17 @@ SILENCE_S = 0.3
 """Gap between joint states above which an event is added while the state port is connected, s."""
 
 LINK_LOST = (
-    'check cable, network and controller; the driver connects again by itself, then ~/enable'
+    'check cable, network and controller. The driver reconnects automatically, then ~/enable'
 )
-NO_FRAME = 'check that nothing else uses the port, and the network for devices that alter data'
-CANNOT_BE = 'check robot model and units (--robot), the encoder, and what alters bytes on the way'
-NO_REPLY = 'look at the program on the controller: it may hang or have ended'
+NO_FRAME = 'check the port for other users, and the network for devices that alter data'
+CANNOT_BE = 'check robot model and units (--robot), the encoder, and the network for altered data'
+NO_REPLY = 'check the program on the controller: it may be stuck or have ended'
 
 COMMANDS = {
     Command.STOP_MOTION: ('warning', 'STOP sent'),
-    Command.START_SERVOS: ('info', 'motors on asked for'),
-    Command.STOP_SERVOS: ('info', 'motors off asked for'),
-    Command.RESET_ALARM: ('info', 'reset asked for'),
+    Command.START_SERVOS: ('info', 'motors on requested'),
+    Command.STOP_SERVOS: ('info', 'motors off requested'),
+    Command.RESET_ALARM: ('info', 'reset requested'),
 }
 
 
@@ -85,7 +85,7 @@ def read_trace(
         try:
             steps = read_recording(path, damage)
         except DamagedError as error:
-            steps, damage = error.steps, [f'{error}: what comes after it is missing here']
+            steps, damage = error.steps, [f'{error}: the data after it is missing']
         messages = messages_of(steps, controller)
     except (PcapError, MessagesError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
@@ -93,7 +93,7 @@ def read_trace(
     for entry in messages.entries:
         reader.take(entry)
     if not reader.times:
-        raise RunError(printable(f'{path}: no joint states are in it'))
+        raise RunError(printable(f'{path}: it contains no joint states'))
     began = round(messages.began * NANOSECONDS)
     run = reader.run(path.name, began, limits.names, texts)
     return replace(run, notes=[*damage, *run.notes])
@@ -138,7 +138,7 @@ class _Reader:
         elif entry.frame is None:
             if entry.connection not in self._broken:
                 self._broken.add(entry.connection)
-                text = f'{role} port: {len(entry.data)} bytes that are no message'
+                text = f'{role} port: {len(entry.data)} bytes without a message'
                 self._event(entry, 'error', text, NO_FRAME)
         else:
             self._take_frame(entry, entry.frame)
@@ -147,7 +147,7 @@ class _Reader:
         try:
             packet = decode(frame)
         except SimpleMessageError as error:
-            self._event(entry, 'error', f'a message that cannot be read: {error}', NO_FRAME)
+            self._event(entry, 'error', f'an unreadable message: {error}', NO_FRAME)
             return
         sender = 'driver' if entry.kind is Kind.REQUEST else 'controller'
         name = _name(packet.msg_type)
@@ -195,7 +195,7 @@ class _Reader:
         why = self._why_not(time, positions, velocities)
         if why is not None:
             if not self._doubtful:
-                text = f'joint states that cannot be true: {why}'
+                text = f'implausible joint states: {why}'
                 self._events.append(Event(time, 'warning', text, CANNOT_BE))
             self._doubtful = True
             return False
@@ -213,7 +213,7 @@ class _Reader:
         """Return why the joint positions are implausible, whatever their signs, or None."""
         here = positions[: self._joints]
         if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
-            return 'not all are numbers'
+            return 'values are not finite'
         if not self.times:
             return None
         elapsed = max(time - self.times[-1], 0.0)
@@ -237,20 +237,20 @@ class _Reader:
                     self._event(entry, 'warning', 'STOP sent')
                     self._plans.end()
                 elif self._plans.take(entry.time, point):
-                    self._event(entry, 'info', 'a trajectory begins')
+                    self._event(entry, 'info', 'a trajectory starts')
         elif isinstance(message, MotionCtrl) and message.command in COMMANDS:
             self._event(entry, *COMMANDS[Command(message.command)])
 
     def _take_reply(self, entry: Entry, packet: Packet) -> None:
         request = self._pending[entry.connection].take(packet)
         if request is None and packet.msg_type == MessageType.PING:
-            text = 'the controller stopped the arm: it heard nothing from the driver'
-            self._event(entry, 'error', text, 'see what held up the driver or the network')
+            text = 'the controller stopped the arm: it received nothing from the driver'
+            self._event(
+                entry, 'error', text, 'find the cause of the delay in the driver or the network'
+            )
             return
         if request is None:
-            self._event(
-                entry, 'warning', f'a reply that answers nothing ({_name(packet.msg_type)})'
-            )
+            self._event(entry, 'warning', f'a reply without a request ({_name(packet.msg_type)})')
             return
         name = _name(request.msg_type)
         if request.sequence == SpecialSequence.STOP_TRAJECTORY:
@@ -267,7 +267,7 @@ class _Reader:
                 '' if request.sequence is None or request.sequence < 0 else f' {request.sequence}'
             )
             text = f'the controller refused {name}{which}'
-            self._event(entry, 'error', text, 'the next error of the controller says why')
+            self._event(entry, 'error', text, 'see the next error of the controller')
 
     def _event(self, entry: Entry, level: str, text: str, remedy: str = '') -> None:
         self._events.append(Event(entry.time, level, text, remedy))
@@ -281,11 +281,11 @@ class _Reader:
                 text = f'{len(pending)} requests without a reply'
                 self._events.append(Event(self._end, 'warning', text, NO_REPLY))
         notes = [
-            'from the wire: names and order of the joints are those of the robot model; what went '
-            'over the remote port is not recorded'
+            'from the wire: names and order of the joints are taken from the robot model, '
+            'without the traffic of the remote port'
         ]
         if not measured:
-            notes.append('the controller sends no velocities: they are computed')
+            notes.append('the controller sends no velocities, so they are computed')
         events = [*self._events, *condition_events(self._conditions, texts)]
         return Run(
             source=source,

@@ -134,6 +134,6 @@ def _unknown(wanted: str) -> str:
         return ''
     name = max(series, key=len)
     return (
-        f': of the {name}, {unknown[name]} not known. With its manual you can write a file of '
-        'your own in ten minutes (docs/new_robot.md)'
+        f': of the {name}, {unknown[name]} not known. With its manual, adding a file takes ten '
+        'minutes (docs/new_robot.md)'
     )

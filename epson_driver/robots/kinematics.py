@@ -212,7 +212,9 @@ def _checked_pose(pose: Array) -> Array:
             and np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9)
         )
     if not good:
-        raise ValueError(f'pose = {pose.tolist()}: must be a rotation and a place, shape (4, 4)')
+        raise ValueError(
+            f'pose = {pose.tolist()}: must be a rotation and a position, shape (4, 4)'
+        )
     return pose
 
 

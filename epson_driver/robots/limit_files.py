@@ -40,7 +40,7 @@ def urdf_limits(text: str) -> Rows:
     try:
         joints = ElementTree.fromstring(text).findall('joint')  # noqa: S314 - expat bounds it
     except ElementTree.ParseError as error:
-        raise InputError(f'the robot description is no XML: {error}') from error
+        raise InputError(f'the robot description is not XML: {error}') from error
     rows: Rows = {}
     for joint in joints:
         name, kind, limit = joint.get('name', ''), joint.get('type', ''), joint.find('limit')
@@ -95,8 +95,8 @@ def limits_of(
         for key in ('position_min', 'position_max', 'velocity'):
             if key not in row:
                 raise InputError(
-                    f'{joint}: no {key.replace("_", " ")} limit is known: publish the URDF on '
-                    'robot_description, or name a file of limits (limits_file)'
+                    f'{joint}: no {key.replace("_", " ")} limit: publish the URDF on '
+                    'robot_description, or set limits_file'
                 )
         for key, base, ratio in zip(
             ('acceleration', 'jerk'), ('velocity', 'acceleration'), ratios, strict=True

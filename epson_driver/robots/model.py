@@ -46,7 +46,7 @@ JERK_PER_ACCELERATION = 10.0
 """Jerk of a model without jerk data as a multiple of the acceleration, 1/s: a ramp of 0.1 s."""
 
 ASSUMED_JERK = Provenance(
-    'ten times the acceleration per second, a ramp of 0.1 s; nothing is published', (MARKS[-1],)
+    'ten times the acceleration per second, a ramp of 0.1 s (no published value)', (MARKS[-1],)
 )
 
 MIN_PULSES_PER_DEGREE = 1e-3
@@ -232,10 +232,10 @@ def _limits(reader: Reader, keys: dict[str, str], types: tuple[str, ...]) -> Joi
     zero_outside = reader.get('zero_outside', bool, False)
     for name, (low, high) in zip(names, ranges.tolist(), strict=True):
         if high - low < MIN_RANGE:
-            rule = f'{low:g} … {high:g} of {name} is no range from low to high'
+            rule = f'{low:g} … {high:g} of {name} must be a range from low to high'
             raise reader.error(keys['range'], ranges.tolist(), rule)
         if not low <= 0.0 <= high and not zero_outside:
-            rule = f'0 is outside {low:g} … {high:g} of {name}; is that so? zero_outside: true'
+            rule = f'0 is outside {low:g} … {high:g} of {name}: zero_outside: true if correct'
             raise reader.error(keys['range'], ranges.tolist(), rule)
     turns = [
         high - low for (low, high), kind in zip(ranges, types, strict=True) if kind != PRISMATIC
@@ -264,7 +264,7 @@ def _pulses(reader: Reader, key: str, count: int) -> Array:
         return np.full(count, np.nan)
     pulses = reader.numbers(key, count, PULSES_RANGE, unknown=True)
     if np.any(np.abs(pulses) < MIN_PULSES_PER_DEGREE):
-        rule = f'none may be less than {MIN_PULSES_PER_DEGREE:g}'
+        rule = f'must be at least {MIN_PULSES_PER_DEGREE:g}'
         raise reader.error(key, pulses.tolist(), rule)
     return pulses
 

@@ -120,8 +120,8 @@ def _check_on_axis(model: RobotModel, joint: int, origin: Array, point: Array, w
 
 def _no_opw(model: RobotModel, reason: str) -> KinematicsError:
     return KinematicsError(
-        f'{model.name}: no inverse kinematics, as its chain is not that of an upright six-axis '
-        f'arm with a spherical wrist: {reason}'
+        f'{model.name}: no inverse kinematics, because it is not an upright six-axis arm '
+        f'with a spherical wrist: {reason}'
     )
 
 

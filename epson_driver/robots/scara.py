@@ -74,7 +74,7 @@ class ScaraSolver:
         lean = _lean(pose @ self._from_tool0)
         if lean < UPRIGHT_RAD:
             return ''
-        return f'it leans by {np.degrees(lean):.3g} degrees, and the tool of a SCARA stays upright'
+        return f'it is tilted by {np.degrees(lean):.3g} degrees, but a SCARA tool stays upright'
 
     def sides(self, joints: Array) -> tuple[float, ...]:
         """Return the angle of joint 2, rad, whose sign defines the hand."""
@@ -120,4 +120,6 @@ def _lean(frame: Array) -> float:
 
 
 def _no_scara(model: RobotModel, reason: str) -> KinematicsError:
-    return KinematicsError(f'{model.name}: no inverse kinematics, as it is no SCARA: {reason}')
+    return KinematicsError(
+        f'{model.name}: no inverse kinematics, because it is not a SCARA: {reason}'
+    )

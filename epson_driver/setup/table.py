@@ -27,7 +27,7 @@ def _pair(value: Any) -> list[int]:
     return points
 
 
-POINT_PAIR = Rule(_pair, 'must be two whole numbers from -1 on')
+POINT_PAIR = Rule(_pair, 'must be two whole numbers ≥ -1')
 
 
 def is_a(kind: type, text: str) -> Rule:
@@ -43,7 +43,7 @@ def is_a(kind: type, text: str) -> Rule:
 
 _WORDS = {bool: 'True or False', str: 'text', list: 'a list'}
 
-NAME_OR_FILE = is_a(str, 'must be a name, or the path of a file')
+NAME_OR_FILE = is_a(str, 'must be a name or a path')
 
 
 @dataclass(frozen=True)
@@ -85,64 +85,61 @@ class Row:
 CONTROLLER = Row(
     'controller',
     'simulated',
-    'Kind of controller: a file of config/controllers, or a path to one. Where other parameters '
-    'are not set, it says which ports, which interface and which messages are used.',
+    'Controller profile: the name of a file in config/controllers, or a path. It sets the '
+    'defaults of ports, interface and messages.',
     rule=NAME_OR_FILE,
 )
 
 ROBOT_MODEL = Row(
     'robot_model',
     'c3_a601s',
-    'Robot model: a file of config/robots, or a path to one.',
+    'Robot model: the name of a file in config/robots, or a path.',
     rule=NAME_OR_FILE,
 )
 
 TABLE = (
     CONTROLLER,
-    Row('robot_ip', '127.0.0.1', 'Address of the robot controller.', rule=HOST),
-    Row('motion_port', 11000, 'TCP port of its motion server.', 1, 65535),
-    Row('state_port', 11002, 'TCP port of its state server.', 1, 65535),
-    Row('io_port', 11003, 'TCP port of its I/O server; 0: not used.', 0, 65535),
+    Row('robot_ip', '127.0.0.1', 'IP address or host name of the robot controller.', rule=HOST),
+    Row('motion_port', 11000, 'TCP port of the motion server.', 1, 65535),
+    Row('state_port', 11002, 'TCP port of the state server.', 1, 65535),
+    Row('io_port', 11003, 'TCP port of the I/O server (0: not used).', 0, 65535),
     Row(
         'remote_port',
         0,
-        'TCP port of its Remote Ethernet server (RC700-A: 5000), through which ~/enable, '
-        '~/disable and ~/reset_error act on the motors, and, where the profile says so, the I/O '
-        'is reached; 0: not used.',
+        'TCP port of the Remote Ethernet server (RC700-A: 5000; 0: not used). ~/enable, ~/disable '
+        'and ~/reset_error use it, and with some profiles also the I/O.',
         0,
         65535,
     ),
     Row(
         'joint_names',
         JOINTS,
-        "Names of the joints in the controller's order. By default those of `robot_model`.",
+        "Joint names in the controller's order (default: from `robot_model`).",
         rule=JOINT_NAMES,
     ),
     Row(
         'frame_id',
         'base_link',
-        'Frame of `joint_states`, as joint_state_broadcaster fills it; where links have a prefix, '
-        'with that.',
+        'Frame of `joint_states`, including the prefix of the links if they have one.',
     ),
     Row(
         'joint_signs',
         [1],
-        'A joint is this, 1 or -1, times that of the controller, plus its offset: one number for '
-        'all joints, or one for each.',
+        'Sign (1 or -1) applied to controller joints before adding `joint_offsets`: one for all '
+        'joints, or one per joint.',
         rule=SIGNS,
     ),
     Row(
         'joint_offsets',
         [0.0],
-        'Offsets of the joints: one for all, or one for each.',
+        'Joint offsets: one for all joints, or one per joint.',
         unit='rad, m',
         rule=OFFSETS,
     ),
     Row(
         'j23_factor',
         0,
-        "What joint 3 has of the controller's joint 2 besides its own. FANUC: its J23_factor; "
-        'ABB with coupled joints: -1.',
+        'Coupling of joint 2 into joint 3 (FANUC: its J23_factor; ABB with coupled joints: -1).',
         -1,
         1,
     ),
@@ -150,36 +147,38 @@ TABLE = (
     Row(
         'error_texts',
         'epson',
-        "What the controller's error numbers mean: a file of config/errors; none: not known.",
+        "Meanings of the controller's error numbers: the name of a file in config/errors, or a "
+        'path (none: unknown).',
         rule=NAME_OR_FILE,
     ),
     Row(
         'interface',
         'streaming',
-        'How trajectories reach the controller. streaming: point by point, each acknowledged; '
-        'download: all of them before it moves, not acknowledged; statements: by Remote Ethernet '
-        'alone, one goal of one point, or motion primitives.',
+        'Transfer of trajectories. streaming: point by point, each acknowledged. download: all '
+        'points before the motion, not acknowledged. statements: over Remote Ethernet only, '
+        'goals of one point or motion primitives.',
         choices=('streaming', 'download', 'statements'),
     ),
     Row(
         'point_message',
         'joint_traj_pt',
-        'The message that carries a point: one speed and a duration, or time, positions and '
-        'velocities.',
+        'Message for a point: joint_traj_pt has one speed and a duration, joint_traj_pt_full has '
+        'time, positions and velocities.',
         choices=('joint_traj_pt', 'joint_traj_pt_full'),
     ),
     Row(
         'smoothing',
         'none',
-        'What is sent of a trajectory. none: its own points, for a controller that smooths or '
-        'goes from point to point; resample: points on the smooth motion through them; thin: of '
-        'its own points those that are far enough apart, and others where there are too few.',
+        'Conversion of trajectories before sending. none: the points are sent unchanged, for a '
+        'controller that smooths or moves point to point. resample: points at a fixed period on '
+        'the smooth motion through them. thin: as few points as `thin_deviation` allows.',
         choices=('none', 'resample', 'thin'),
     ),
     Row(
         'resample_period',
         0.05,
-        'Time between two points of the smooth motion; with thin this to twice this.',
+        'Time between points with smoothing resample. With thin: minimum time; the maximum is '
+        'twice as long.',
         0.004,
         1.0,
         unit='s',
@@ -187,8 +186,8 @@ TABLE = (
     Row(
         'thin_deviation',
         0.01,
-        'With smoothing thin: how far straight ways between its points may be from the smooth '
-        'motion, each joint; less needs more points, at which the arm may be slower.',
+        'With smoothing thin: maximum deviation of each joint from the smooth motion between '
+        'points. A smaller value needs more points and can slow the arm down.',
         0.0001,
         1.0,
         unit='rad, m',
@@ -196,9 +195,8 @@ TABLE = (
     Row(
         'smoothing_tolerance',
         0.0,
-        'With smoothing: resample or thin: how far beside the points of a plan the motion may '
-        'pass, each joint, 0.001 or more, so that the noise of a recording is left out; 0: '
-        'through them.',
+        'With smoothing resample or thin: maximum deviation of each joint from the waypoints, at '
+        'least 0.001, to remove the noise of a recording (0: exactly through the waypoints).',
         0.0,
         0.5,
         unit='rad, m',
@@ -206,20 +204,20 @@ TABLE = (
     Row(
         'timing',
         'as_planned',
-        'When the points are to be reached. as_planned: as the trajectory says; time_optimal: as '
-        'fast as the joint limits allow, whatever times it has, or none.',
+        'Timing of trajectories. as_planned: the times of the points. time_optimal: as fast as '
+        'the joint limits allow; times are ignored and not needed.',
         choices=('as_planned', 'time_optimal'),
     ),
     Row(
         'byte_order',
         'auto',
-        "The controller's byte order; auto: as its state messages show.",
+        "The controller's byte order (auto: detected from its state messages).",
         choices=('auto', 'little', 'big'),
     ),
     Row(
         'state_timeout',
         1.0,
-        'Silence on the state port after which the link is taken for lost.',
+        'State-link receive timeout.',
         0.05,
         60.0,
         unit='s',
@@ -227,8 +225,8 @@ TABLE = (
     Row(
         'state_position_margin',
         0.1,
-        'How far beyond its range a joint may be reported; farther is not believed, is not '
-        'published and disables the arm.',
+        'Maximum reported joint position beyond the joint range. A larger value is implausible: '
+        'it is not published and disables the arm.',
         0.0,
         10.0,
         unit='rad, m',
@@ -236,8 +234,8 @@ TABLE = (
     Row(
         'state_velocity_margin',
         1.5,
-        'How many times as fast as its limit a joint may be reported to move; faster is not '
-        'believed, is not published and disables the arm.',
+        'Maximum reported joint velocity, as a multiple of the velocity limit. A larger value is '
+        'implausible: it is not published and disables the arm.',
         1.0,
         100.0,
         unit='1',
@@ -245,8 +243,8 @@ TABLE = (
     Row(
         'io_timeout',
         1.0,
-        'Patience for the reply to an I/O request, and silence of the I/O port after which the '
-        'values are taken for unknown.',
+        'Reply timeout for an I/O request, and receive timeout of the I/O link, after which the '
+        'values are unknown.',
         0.05,
         60.0,
         unit='s',
@@ -255,8 +253,7 @@ TABLE = (
     Row(
         'reply_timeout',
         5.0,
-        'Patience for the reply to a point while the arm does not move, beyond the time that the '
-        'plan takes to that point.',
+        'Reply timeout for a point while the arm is at rest, beyond its planned time.',
         0.1,
         600.0,
         unit='s',
@@ -265,7 +262,7 @@ TABLE = (
     Row(
         'start_tolerance',
         0.02,
-        'How far from the measured position a trajectory may start, each joint.',
+        'Maximum distance of each joint from the measured position to the start of a trajectory.',
         0.0,
         1.0,
         unit='rad, m',
@@ -274,14 +271,14 @@ TABLE = (
     Row(
         'require_planned_speed',
         True,
-        'Reject trajectories and streams that the controller is known to execute faster than '
-        'planned, because it ignores the times of points. False: execute them and warn.',
+        'Reject trajectories and streams that the controller would execute faster than planned, '
+        'because it ignores the times of points. False: execute them with a warning.',
         now=True,
     ),
     Row(
         'allow_nonzero_velocity_at_trajectory_end',
         False,
-        'Accept trajectories whose last point has a velocity. The arm comes to rest there anyway.',
+        'Accept trajectories with a velocity at the last point. The arm stops there anyway.',
         now=True,
     ),
     Row(
@@ -296,8 +293,8 @@ TABLE = (
     Row(
         'servo.scale',
         0.25,
-        "Share of the joints' limits of velocity, acceleration and jerk that streams of setpoints "
-        'may use; it holds for the next stream.',
+        'Fraction of the velocity, acceleration and jerk limits available to setpoint streams. A '
+        'change applies to the next stream.',
         0.01,
         1.0,
         unit='1',
@@ -306,8 +303,8 @@ TABLE = (
     Row(
         'servo.timeout',
         0.1,
-        'Silence of a stream of setpoints after which the arm ends at its last position, or '
-        'brakes.',
+        'Setpoint timeout. After it the arm ends at the last position, or brakes from the last '
+        'velocity.',
         0.02,
         1.0,
         unit='s',
@@ -316,7 +313,7 @@ TABLE = (
     Row(
         'servo.start_tolerance',
         0.1,
-        'How far from the arm the first position of a stream of setpoints may be, each joint.',
+        'Maximum distance of each joint from the arm to the first setpoint of a position stream.',
         0.0,
         1.0,
         unit='rad, m',
@@ -325,8 +322,8 @@ TABLE = (
     Row(
         'servo.catch_up',
         1.5,
-        'How many times as fast as a stream of positions goes itself the arm may follow when it '
-        'is behind, each joint, within `servo.scale`.',
+        "Speed limit of each joint while catching up, as a multiple of the stream's own speed, "
+        'within `servo.scale`.',
         1.0,
         100.0,
         unit='1',
@@ -335,8 +332,8 @@ TABLE = (
     Row(
         'servo.period',
         0.02,
-        'Time between two points at least that a stream of setpoints becomes. A controller that '
-        'takes long for each point follows better if there are fewer.',
+        'Minimum time between the points sent for a setpoint stream. A controller that is slow '
+        'per point follows better with a larger value.',
         0.02,
         0.2,
         unit='s',
@@ -345,20 +342,19 @@ TABLE = (
     Row(
         'trace_folder',
         '~/.ros/epson_driver',
-        'Folder for `trace_file`, made when it is needed. Empty: there are no traces.',
+        'Folder for `trace_file`, created when needed (empty: no traces).',
     ),
     Row(
         'trace_file',
         '',
-        'Name of a file in `trace_folder` to record what goes over the wire into, for Wireshark '
-        'and `epson_driver report`; %Y%m%d-%H%M%S and the like are filled in; it must not exist '
-        'yet. Empty: no trace.',
+        'New file in `trace_folder` for a trace of the network traffic, for Wireshark and '
+        '`epson_driver report`. Date and time replace %Y%m%d-%H%M%S (empty: no trace).',
         now=True,
     ),
     Row(
         'trace_size',
         100.0,
-        'Size at which a trace ends.',
+        'Maximum size of a trace.',
         0.001,
         10000.0,
         unit='MB',
@@ -367,20 +363,20 @@ TABLE = (
     Row(
         'gripper.outputs',
         [-1, -1],
-        'Digital outputs that open and close a gripper, for ~/gripper_cmd; -1, -1: there is none.',
+        'Digital outputs that open and close the gripper, for ~/gripper_cmd (-1, -1: none).',
         rule=POINT_PAIR,
     ),
     Row(
         'gripper.inputs',
         [-1, -1],
-        'Digital inputs that tell that it is open, and closed; -1, -1: there is none.',
+        'Digital inputs that are on when the gripper is open and closed (-1, -1: none).',
         rule=POINT_PAIR,
     ),
-    Row('gripper.stroke', 0.05, 'How far it opens.', 1e-4, 2.0, unit='m'),
+    Row('gripper.stroke', 0.05, 'Stroke of the gripper.', 1e-4, 2.0, unit='m'),
     Row(
         'gripper.time',
         2.0,
-        'After so long at most it is open, is closed, or holds something.',
+        'Time allowed for opening or closing. After it the gripper counts as holding.',
         0.05,
         60.0,
         unit='s',
@@ -388,27 +384,27 @@ TABLE = (
     Row(
         'tool.name',
         'tool',
-        "Name of the tool's frame, which hangs on tool0 in tf; before it goes what `frame_id` has "
+        'Name of the tool frame, a child of tool0 in tf. It gets the prefix that `frame_id` has '
         'before base_link.',
     ),
     Row(
         'tool.pose',
         [*[0.0] * 6, 1.0],
-        'The tool (TCP) at the start, which the poses of motion primitives are about, until '
-        '~/set_tool sets another: x, y, z in tool0 and a quaternion x, y, z, w; 0, 0, 0, 0, 0, 0, '
-        '1 is tool0 itself, and then tf has no frame of it.',
+        'Initial tool (TCP) for poses of motion primitives, until ~/set_tool sets another: x, y, '
+        'z in tool0 and a quaternion x, y, z, w (0, 0, 0, 0, 0, 0, 1: tool0 itself, without a '
+        'tool frame).',
         unit='m',
     ),
     Row(
         'points_file',
         '',
-        'The file of taught points, which is read at the start and written when one is taught or '
-        "forgotten: RC+'s .pts, or .yaml. Empty: they are kept as long as the node lives.",
+        "File of taught points, RC+'s .pts or .yaml. It is read at the start and written after "
+        'each change (empty: points are lost when the node ends).',
     ),
     Row(
         'constraints.stopped_velocity_tolerance',
         0.01,
-        'Velocity below which a joint counts as standing.',
+        'Velocity below which a joint counts as stopped.',
         1e-6,
         10.0,
         unit='rad/s, m/s',
@@ -417,7 +413,7 @@ TABLE = (
     Row(
         'constraints.goal_time',
         0.0,
-        'How much longer than planned a goal may take before it is aborted; 0: no limit.',
+        'Maximum delay of a goal beyond its planned end, after which it is aborted (0: no limit).',
         0.0,
         3600.0,
         unit='s',
@@ -431,7 +427,7 @@ def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
     yield Row(
         f'constraints.{joint}.goal',
         GOAL_TOLERANCE[unit],
-        f'How far {joint} may be from the end of the trajectory for success; 0: any.',
+        f'Goal tolerance of {joint} at the end of the trajectory (0: any).',
         0.0,
         10.0,
         now=True,
@@ -440,7 +436,7 @@ def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
     yield Row(
         f'constraints.{joint}.trajectory',
         0.0,
-        f'How far {joint} may be from the plan at any moment on the way; 0: not checked.',
+        f'Path tolerance of {joint} during the trajectory (0: not checked).',
         0.0,
         10.0,
         now=True,

@@ -308,15 +308,15 @@ class ClientConnections:
         """Close the connection of the port's oldest client, unless the arm has points."""
         held = [connection for connection in self._connections if connection.port == port]
         if held and not self._controller.moving:
-            _log.warning('the oldest %s client makes room for another one', port)
+            _log.warning('the oldest %s client is disconnected for a new one', port)
             held[0].hang_up()
 
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the lowest priority, if any."""
         connection = min(self._remote, key=lambda connection: connection.claim, default=None)
         if connection is not None:
-            known = 'was obeyed' if connection.claim[2] else 'was not obeyed yet'
-            _log.warning('a remote client makes room, which %s: %s', known, why)
+            known = 'was obeyed' if connection.claim[2] else 'was pending'
+            _log.warning('a remote client is disconnected for a new one, it %s: %s', known, why)
             connection.hang_up()
 
     @property
@@ -328,7 +328,7 @@ class ClientConnections:
         sessions = [connection.session for connection in self._remote]
         one = self._controller.profile.remote.clients == 1
         if one and any(isinstance(each, RemoteSession) and each.logged_in for each in sessions):
-            raise ConnectionRefusedError('a client is logged in, and one is served')
+            raise ConnectionRefusedError('a client is logged in, only one is served')
 
     def boot(self, seconds: float) -> None:
         """Close all connections, and refuse others for `seconds`."""
@@ -345,13 +345,13 @@ class ClientConnections:
         if self._boot is not None:
             return 'the controller boots'
         if self._controller.faults.rejects(port):
-            return 'cut, as asked for'
+            return 'cut on request'
         if self._spel is not None and port != 'remote':
             return self._spel.rejection(port)
         if port != 'remote' and self._controller.profile.program.interface == 'statements':
             return 'no program is loaded'
         if port == 'motion' and self.attended(port):
-            return 'there is a motion client already'
+            return 'another motion client is connected'
         return None
 
     def _make_room(self, client: Client) -> str | None:
@@ -383,7 +383,7 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
             )
         case 'remote':
             return RemoteSession(controller, send, client.close)
-    raise ValueError(f'{port} is no port')
+    raise ValueError(f'{port} must be a port')
 
 
 def _no_io(controller: Controller) -> str | None:

@@ -73,7 +73,7 @@ from epson_driver.simple_message import Mode as StatusMode
 _log = logging.getLogger(__name__)
 
 _NO_PLANNER = Rejection(
-    ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
+    ErrorNumber.PLANNER_FAILED, 'the motion planner is restarting: try again in a second'
 )
 
 _LENT = Rejection(ErrorNumber.MOTION_ABORTED, 'a command of $Execute moves the arm')
@@ -183,8 +183,8 @@ class Controller:
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
-            does = 'brakes' if off else 'moves'
-            raise RejectedError(f'the arm still {does}: try again when it stands')
+            does = 'braking' if off else 'moving'
+            raise RejectedError(f'the arm is still {does}: try again when it has stopped')
         self.condition = after(before, event, self.tables)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
@@ -239,7 +239,7 @@ class Controller:
 
     def client_came(self) -> None:
         """Serve a new motion client. Points that were kept for it resume immediately."""
-        self._end_command('a client of the motion port came')
+        self._end_command('a client of the motion port connected')
         if self.profile.server.lost_client == 'brake':
             self.program.restart()
         if self._unattended:
@@ -300,7 +300,7 @@ class Controller:
             self.raise_error(ErrorNumber.SERVO_ERROR)
             return
         if not powered and self.in_motion:
-            raise RejectedError('the arm still brakes: try again when it stands')
+            raise RejectedError('the arm is still braking: try again when it has stopped')
         self.arm.push(clipped(pushed, limits), powered)
         self._settle()
 

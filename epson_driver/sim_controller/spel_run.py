@@ -192,7 +192,7 @@ def _exit_code(controller: Controller) -> int | None:
 def _ended(controller: Controller, code: int | None) -> int:
     if code is not None:
         return code
-    print(f'not over after {controller.clock.now:.2f} s of the controller:', file=sys.stderr)
+    print(f'still running after {controller.clock.now:.2f} s of controller time:', file=sys.stderr)
     for row in controller.tasks():
         print(f'  task {row.number} {row.name} ({row.type}): {row.state}', file=sys.stderr)
     return NOT_OVER
@@ -244,9 +244,9 @@ def run_function(
         at, error = spel.failure.position, f'error {spel.failure.number}: {spel.failure.text}'
     elif spel.main_runs:
         view = next(spel.machine.tasks())
-        at, error = Position(view.file, view.line), 'waits for what never comes'
+        at, error = Position(view.file, view.line), 'waits for an event that cannot occur'
         if goes_on:
-            error = f'not over after {longest:g} s of the controller'
+            error = f'still running after {longest:g} s of controller time'
     printed, lines = ''.join(terminal.printed), spel.machine.lines()
     return TestResult(code.name, at, error, printed, clock.now, lines)
 

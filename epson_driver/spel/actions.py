@@ -92,7 +92,7 @@ def sync_lock(task: Task, number: int, time: float | None = None) -> None:
     number = nearest(number)
     locks = task.world.locks
     if locks.get(number) == task.number:
-        raise SpelError(ErrorNumber.SYNC, f'SyncLock {number}: this task has locked it already')
+        raise SpelError(ErrorNumber.SYNC, f'SyncLock {number}: this task has already locked it')
 
     def after(timed_out: bool) -> None:
         if not timed_out:
@@ -251,7 +251,7 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
         return
     host = task.world.host
     if host.value('estopon', ()) or host.value('safetyon', ()):
-        text = f'{name}: at an E-stop or with the door open outputs need Forced'
+        text = f'{name}: outputs need Forced during an E-stop or with an open door'
         raise SpelError(ErrorNumber.TASK_TYPE, text)
 
 
@@ -297,7 +297,7 @@ def reset_counter(task: Task, bit: float) -> None:
     """CTReset bit: start to count the input from 0."""
     counters, number = task.world.counters, nearest(bit)
     if number not in counters and len(counters) == _MOST_COUNTERS:
-        raise bad('CTReset', f'{_MOST_COUNTERS} inputs count already')
+        raise bad('CTReset', f'{_MOST_COUNTERS} inputs are already counted')
     counters[number] = Counter(0, task.world.host.read_bits(Memory.INPUT, number, 1))
 
 

@@ -112,14 +112,14 @@ def _decimal_in(task: Task, port: int) -> int:
 def _counted(task: Task, bit: int) -> int:
     counter = task.world.counters.get(bit)
     if counter is None:
-        raise bad('Ctr', f'input {bit} counts nothing: CTReset {bit}')
+        raise bad('Ctr', f'input {bit} is not counted: CTReset {bit}')
     return counter.count
 
 
 def _io_number(task: Task, label: str) -> int:
     found = task.world.program.data.labels.get(label.lower())
     if found is None:
-        raise bad('IONumber', f'there is no I/O label {label}')
+        raise bad('IONumber', f'unknown I/O label {label}')
     return found
 
 

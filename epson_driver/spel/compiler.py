@@ -130,7 +130,7 @@ class Compiler:
         self._emit(f'v[0].leave()\n{_WAITING}')
         for name, at in self._used_labels:
             if name.lower() not in self._labels:
-                text = f'there is no label {name} in function {function.name}'
+                text = f'unknown label {name} in function {function.name}'
                 self._problems.append(Problem(at, 'label', text))
         code.source = [self._resolved(text) for text in code.source]
         code.following = [self._through(pc + 1) for pc in range(len(code.source))]
@@ -141,7 +141,7 @@ class Compiler:
             if isinstance(statement, Label):
                 key = statement.name.lower()
                 if key in self._labels:
-                    text = f'label {statement.name} stands twice in the function'
+                    text = f'label {statement.name} occurs twice in the function'
                     self._problems.append(Problem(statement.at, 'label', text))
                 self._labels[key] = (self._mark(), statement.at)
             for inner in inner_blocks(statement):
@@ -315,7 +315,7 @@ class Compiler:
                 self._begin()
                 value = made.value(item.value)
                 if (value.kind in NUMBERS) != (subject.kind in NUMBERS):
-                    raise SyntaxProblem(self._at, 'Case and Select are of two kinds', 'type')
+                    raise SyntaxProblem(self._at, 'Case and Select have different types', 'type')
                 if value.kind == STRING and item.operator not in ('=', '<>'):
                     text = 'strings can be compared by = and <> only'
                     raise SyntaxProblem(self._at, text, 'type')
@@ -394,7 +394,7 @@ class Compiler:
                 self._jump(end)
                 return
         word = statement.what.capitalize()
-        raise SyntaxProblem(statement.at, f'Exit {word} stands outside a {word}')
+        raise SyntaxProblem(statement.at, f'Exit {word} outside a {word}')
 
     @_statement.register
     def _(self, statement: Label) -> None:
@@ -519,7 +519,7 @@ class Compiler:
                     statement.at, f'{statement.name} cannot use this array', 'type'
                 )
             if statement.count is None:
-                raise SyntaxProblem(statement.at, 'an array needs the number of its elements')
+                raise SyntaxProblem(statement.at, 'an array needs its number of elements')
         elif name == 'write':
             code = made.string(value)
         elif name == 'writebin':
@@ -540,7 +540,7 @@ class Compiler:
             raise SyntaxProblem(statement.at, text, 'unknown')
         for argument in statement.arguments:
             if argument.by_reference and not argument.whole_array:
-                text = 'Xqt hands values over: no ByRef'
+                text = 'Xqt passes values: no ByRef'
                 raise SyntaxProblem(statement.at, text, 'type')
         made = self._expressions
         given = made.parameters(code.name, code.parameters, statement.arguments, statement.at)
@@ -563,7 +563,7 @@ class Compiler:
         what = statement.condition
         if what is None or not is_condition(what, self._scope):
             if what is None or statement.time is not None:
-                text = 'Wait takes a time, or a condition with a time'
+                text = 'Wait needs a time, or a condition with a time'
                 raise SyntaxProblem(statement.at, text, 'wait-condition')
             self._suspend(f's_wait(v[0], {self._time(what)})')
             return
@@ -605,7 +605,7 @@ class Compiler:
                 or any(each.by_reference for each in code.parameters)
             ):
                 text = f'{code.name}: a function of Trap takes no parameters, '
-                text += 'that of Trap Error up to three Integers'
+                text += 'a function of Trap Error up to three Integers'
                 raise SyntaxProblem(statement.at, text, 'arguments')
         target = 'None' if code is None else f'F[{code.index}]'
         given = f'{statement.event!r}, {number}, {test}, {target}, {statement.action!r}'
@@ -619,10 +619,10 @@ class Compiler:
         code, _ = made.array(Argument(name, whole_array=True))
         assert variable is not None  # noqa: S101 - array() has refused that
         if not variable.bounds:
-            text = f'{statement.name} came ByRef: Redim cannot change it'
+            text = f'{statement.name} is ByRef: Redim cannot change it'
             raise SyntaxProblem(statement.at, text, 'type')
         if len(variable.bounds) != len(statement.bounds):
-            text = f'Redim cannot change how many dimensions {statement.name} has'
+            text = f'Redim cannot change the number of dimensions of {statement.name}'
             raise SyntaxProblem(statement.at, text, 'type')
         bounds = ''.join(f'{made.whole(bound)}, ' for bound in statement.bounds)
         shared = variable.place == 'g'

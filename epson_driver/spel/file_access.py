@@ -58,7 +58,7 @@ def _open(way: str) -> Callable[[Task, str, int], None]:
 
     def run(task: Task, name: str, number: int) -> None:
         if number in task.world.open_files:
-            raise bad(word, f'file {number} is open already')
+            raise bad(word, f'file {number} is already open')
         content = task.world.files.read(name)
         if content is None and mode.must:
             raise bad(word, f'there is no file {name}')
@@ -111,7 +111,7 @@ def read(task: Task, name: str, number: int, count: int | None) -> bytes:
     if not file.reads:
         raise bad(name, f'file {number} is open for writing')
     if file.at >= len(file.data):
-        raise bad(name, f'the end of file {number} is reached: ask Eof')
+        raise bad(name, f'the end of file {number} is reached: check Eof')
     if count is not None:
         data = bytes(file.data[file.at : file.at + count])
         file.at += len(data)

@@ -90,7 +90,7 @@ class Files:
         key = self.path(name)
         others = sum(len(each) for path, each in self._written.items() if each and path != key)
         if others + len(content) > MOST_BYTES:
-            raise _bad(f'{name}: more than {MOST_BYTES} bytes are written')
+            raise _bad(f'{name}: more than {MOST_BYTES} bytes')
         if self._keep and key not in self._taught:
             with _said(name):
                 write_file(self._target(name, key), content)
@@ -109,7 +109,7 @@ class Files:
     def make_folder(self, name: str) -> None:
         """Create a folder. Raises SpelError."""
         if self.has_folder(name):
-            raise _bad(f'there is a folder {name} already')
+            raise _bad(f'folder {name} already exists')
         key = self.path(name)
         if self._keep:
             with _said(name):
@@ -123,7 +123,7 @@ class Files:
         inside = any(path.startswith(f'{key}/') and self._written[path] is not None
                      for path in self._written)  # fmt: skip
         if not self.has_folder(name) or inside or (there is not None and any(there.iterdir())):
-            raise _bad(f'there is no empty folder {name}')
+            raise _bad(f'no empty folder {name}')
         self._folders.discard(key)
         if self._keep and there is not None:
             there.rmdir()
@@ -169,16 +169,16 @@ class Files:
         """Return the path to write to, which must be in the folder. Raises SpelError."""
         text = name.replace('\\', '/')
         if key.endswith(_PROJECT):
-            raise _bad(f'{name}: the files of the project are only read')
+            raise _bad(f'{name}: files of the project are read-only')
         if self._folder is None or '..' in text or text[1:2] == ':' or text.startswith('/'):
-            raise _bad(f'{name}: files are written in the folder of the project only')
+            raise _bad(f'{name}: files can be written only in the folder of the project')
         there = self._there(key)
         if there is not None:
             return there
         above = self._there(key.rpartition('/')[0])
         target = None if above is None else above / self._parts(name)[-1]
         if target is None or not target.parent.is_dir() or target.is_symlink():
-            raise _bad(f'{name}: there is no such folder')
+            raise _bad(f'{name}: no such folder')
         return target
 
 

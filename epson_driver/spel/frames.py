@@ -58,7 +58,7 @@ def changed(point: Point, operator: str, axis: str, value: float) -> Point:
 def added(left: Point, right: Point, sign: float = 1.0) -> Point:
     """Return P1 + P2, or P1 - P2 (p593), by coordinate, with posture and local of the first."""
     if left.kind != 'xy' or right.kind != 'xy':
-        raise SpelError(ErrorNumber.ARGUMENT, '+ and - take places in space')
+        raise SpelError(ErrorNumber.ARGUMENT, '+ and - need positions in space')
     values = (a + sign * b for a, b in zip(left.values, right.values, strict=True))
     return replace(left, values=tuple(values))
 
@@ -250,7 +250,9 @@ class Pallet:
             column = position
             within = self.outside or (1 <= column <= self.columns and 1 <= row <= self.rows)
         if not within:
-            text = f'Pallet {number}: {self.columns} columns, {self.rows} rows have no such place'
+            text = (
+                f'Pallet {number}: {self.columns} columns, {self.rows} rows have no such position'
+            )
             raise SpelError(ErrorNumber.ARGUMENT, text)
         across = (column - 1) / max(self.columns - 1, 1)
         along = (row - 1) / max(self.rows - 1, 1)
@@ -270,7 +272,7 @@ def new_pallet(given: tuple[Point, ...], columns: int, rows: int, out: bool) -> 
         if not 1 <= count <= MOST_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{MOST_PLACES}')
     if columns * rows >= MOST_PLACES:
-        raise bad('Pallet', f'{columns} times {rows} places are not below {MOST_PLACES}')
+        raise bad('Pallet', f'{columns} times {rows} positions are not below {MOST_PLACES}')
     if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in given):
-        raise bad('Pallet', 'the corners must be places in space')
+        raise bad('Pallet', 'the corners must be positions in space')
     return Pallet(given, columns, rows, out)

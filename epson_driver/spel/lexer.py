@@ -78,7 +78,7 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
 def _unreadable(character: str) -> str:
     if character == '"':
         return 'the string has no end: put a quote (") after it'
-    return f'{character!r} cannot stand here'
+    return f'unexpected {character!r}'
 
 
 def _number(kind: str, word: str, position: Position) -> int | float:

@@ -50,7 +50,7 @@ def power(base: float, exponent: float) -> float:
     except OverflowError:
         raise overflow('Double', math.inf) from None
     if isinstance(result, complex):
-        raise bad('**', 'a negative number has no broken power')
+        raise bad('**', 'a negative number has no fractional power')
     return result
 
 
@@ -143,7 +143,7 @@ def _date(text: str, pattern: str) -> str:
             continue
         break
     else:
-        raise bad('FmtStr$', f'{text[:40]!r} is no date: yyyy/mm/dd hh:nn:ss')
+        raise bad('FmtStr$', f'{text[:40]!r} is not a date: yyyy/mm/dd hh:nn:ss')
     half = 'am/pm' in pattern.lower()
     hour = (date.hour - 1) % 12 + 1 if half else date.hour
     shown = {

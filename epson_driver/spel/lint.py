@@ -74,41 +74,41 @@ _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
 DEEPEST_FOR = 10
 
 RULES = {
-    'syntax': 'what cannot be read',
-    'unknown': 'a name that nothing has',
-    'not-simulated': 'SPEL+ has it, this interpreter needs an answer to it (`--stub`)',
-    'type': 'a number where a string must be, ByRef of another type, no As, …',
+    'syntax': 'unreadable source text',
+    'unknown': 'an unknown name',
+    'not-simulated': 'a SPEL+ word that is not simulated and needs an answer (`--stub`)',
+    'type': 'a number instead of a string, ByRef of another type, no As, …',
     'arguments': 'too many or too few',
-    'declaration': 'declared twice, or with bounds that are no constants',
+    'declaration': 'declared twice, or with bounds that are not constants',
     'array-size': 'more elements than the scope allows',
     'array-index': 'an index that the array does not have',
     'overflow': 'a constant that does not fit its type',
     'string-length': 'more than 255 characters',
-    'label': 'missing, or there twice',
-    'wait-condition': 'what Wait, Till and Trap cannot look at: locals, arrays, reals',
-    'preprocessor': '#define, #ifdef … that do not fit',
-    'include': 'a file that is not there',
+    'label': 'missing, or duplicate',
+    'wait-condition': 'values that Wait, Till and Trap cannot evaluate: locals, arrays, reals',
+    'preprocessor': '#define, #ifdef … that do not match',
+    'include': 'a missing file',
     'project-file': 'a file of RC+ that cannot be read, or has a wrong header',
     'line-length': 'more than 512 characters',
     'reserved': 'a name that is a word of SPEL+, or a predefined constant',
     'name-length': 'variables and labels up to 32 characters, functions up to 64',
     'version': 'newer than the controller',
-    'task-type': 'what this type of task cannot execute',
-    'wait-by-reference': 'a variable of a Wait condition that is handed over ByRef',
+    'task-type': 'a statement that this type of task cannot execute',
+    'wait-by-reference': 'a variable of a Wait condition that is passed ByRef',
     'wait-variables': 'more than 64 variables in Wait conditions',
-    'for-depth': 'more than 10 For in each other',
+    'for-depth': 'more than 10 nested For loops',
     'endless-loop': 'a loop without a Wait (error 2556)',
     'goto-out-of-loop': 'GoTo that leaves a loop (error 2020 after a while)',
-    'handler': 'an error handler that is fallen into',
+    'handler': 'an error handler that is reached without an error',
     'port-shared': 'a port that two tasks use (ChkNet -2)',
-    'true-compare': '= True with what may be 1, and not -1, when it holds',
-    'and-guard': 'an index that And does not guard: both sides are worked out',
+    'true-compare': '= True with a value that may be 1 instead of -1',
+    'and-guard': 'an index that And does not guard, because both sides are evaluated',
     'real-to-integer': 'rounding that is not documented',
     'integer-range': 'a Long, or a For, that may not fit an Integer',
     'declaration-in-loop': 'a declaration that may be executed again',
-    'range': 'a number that no controller takes: Speed 120, 5 / 0, TmReset 99',
-    'unreachable': 'a statement behind one that goes elsewhere, a Case that is there already',
-    'unused': 'a function that nothing calls, a variable that nothing names',
+    'range': 'a number that no controller accepts: Speed 120, 5 / 0, TmReset 99',
+    'unreachable': 'an unreachable statement, or a duplicate Case',
+    'unused': 'an unused function or variable',
     'two-owners': 'two tasks that move the robot, set a timer, or switch an output',
     'hex': 'a number above &H7FFFFFFF: its sign is not documented',
 }
@@ -162,14 +162,14 @@ def _missing(name: str, text: str, files: Mapping[str, str]) -> Iterator[Problem
     there = {each.lower() for each in files}
     for listed in listed_files(parsed(name, text)):
         if listed.lower().endswith(PROGRAM) and listed.lower() not in there:
-            said = f'it names {listed}, which is not there: all .prg files are built'
+            said = f'{listed} is missing: all .prg files are built'
             yield Problem(Position(name, 1), 'project-file', said, warning=True)
 
 
 def _long_lines(name: str, text: str) -> Iterator[Problem]:
     for number, line in enumerate(text.split('\n'), 1):
         if len(line) > LONGEST_LINE:
-            said = f'the line has {len(line)} characters: RC+ takes {LONGEST_LINE}'
+            said = f'the line has {len(line)} characters: RC+ accepts {LONGEST_LINE}'
             yield Problem(Position(name, number, LONGEST_LINE + 1), 'line-length', said)
 
 
@@ -380,7 +380,7 @@ class _Lint:
         for port, tasks in sorted(users.items()):
             if len(tasks) > 1:
                 names = ' and '.join(sorted(tasks))
-                text = f'port {port} is used by the tasks {names}: only who opens it can use it'
+                text = f'port {port} is used by tasks {names}: only its opener can use it'
                 yield Problem(max(tasks.values()), 'port-shared', text, warning=True)
 
     def _used_ports(self, function: Function) -> Iterator[tuple[int, Position]]:
@@ -483,10 +483,12 @@ class _Lint:
                             handed.setdefault(value.name.lower(), value.at)
         for name in sorted(set(watched) & set(handed)):
             at = watched[name]
-            text = f'{name} is waited for in {at.file}:{at.line}: it cannot be handed over ByRef'
+            text = (
+                f'{name} is in a Wait condition in {at.file}:{at.line}: it cannot be passed ByRef'
+            )
             yield Problem(handed[name], 'wait-by-reference', text)
         if len(watched) > MOST_WAIT_VARIABLES:
-            text = f'{len(watched)} variables are waited for: a controller takes '
+            text = f'{len(watched)} variables in Wait conditions: a controller accepts '
             text += f'{MOST_WAIT_VARIABLES}'
             yield Problem(max(watched.values()), 'wait-variables', text)
 
@@ -542,7 +544,7 @@ class _Lint:
             for argument, bound in zip(each.arguments, bounds, strict=True):
                 index = argument.value
                 if isinstance(index, Name) and guarded.get(index.name.lower(), set()) & {bound, 0}:
-                    text = f'And works out both sides: it does not guard {each.name}({index.name})'
+                    text = f'And evaluates both sides: it does not guard {each.name}({index.name})'
                     yield Problem(each.at, 'and-guard', text, warning=True)
 
     @cached_property
@@ -561,7 +563,7 @@ class _Lint:
     def _numbers(self) -> Iterator[Problem]:
         for node in self._nodes(Number):
             if node.text[:2] in ('&H', '&h') and node.value > 0x7FFF_FFFF:
-                text = f'{node.text}: whether this is below 0 is not documented'
+                text = f'{node.text}: its sign is not documented'
                 yield Problem(node.at, 'hex', text, warning=True)
         for node in self._nodes(For):
             limit = constant(node.last, CONSTANTS)
@@ -574,11 +576,11 @@ def _nested(block: tuple[Statement, ...], depth: int, loop: bool) -> Iterator[Pr
     for statement in block:
         if isinstance(statement, Declaration) and loop:
             text = 'whether a declaration in a loop clears its variables is not documented: '
-            text += 'put it at the beginning of the function'
+            text += 'put it at the start of the function'
             yield Problem(statement.at, 'declaration-in-loop', text, warning=True)
         within = depth + isinstance(statement, For)
         if within > DEEPEST_FOR and isinstance(statement, For):
-            text = f'more than {DEEPEST_FOR} For in each other'
+            text = f'more than {DEEPEST_FOR} nested For loops'
             yield Problem(statement.at, 'for-depth', text)
         for each in inner_blocks(statement):
             yield from _nested(each, within, loop or isinstance(statement, Do | For))

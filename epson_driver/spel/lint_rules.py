@@ -88,7 +88,7 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
     for statement in block:
         plain = not isinstance(statement, Label | Declaration)
         if before is not None and plain and leaves(before):
-            text = f'it is never reached: line {before.at.line} goes elsewhere'
+            text = f'unreachable: line {before.at.line} leaves this path'
             yield Problem(statement.at, 'unreachable', text, warning=True)
         for each in inner_blocks(statement):
             yield from _dead(each)
@@ -107,7 +107,7 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
         for function in functions:
             name = function.name.lower()
             if times[name] == 1 and name not in roots and not name.startswith('test'):
-                text = f'nothing calls {function.name}'
+                text = f'{function.name} is never called'
                 yield Problem(function.at, 'unused', text, warning=True)
     for file in program.files:
         module = [each for each in file.declarations if each.scope == 'module']
@@ -131,7 +131,7 @@ def _once(declarations: list[Declaration], times: Counter[str]) -> Iterator[Prob
     for declaration in declarations:
         for variable in declaration.variables:
             if times[variable.name.lower()] == 1:
-                text = f'nothing uses {variable.name}'
+                text = f'{variable.name} is never used'
                 yield Problem(variable.at, 'unused', text, warning=True)
 
 
@@ -254,7 +254,7 @@ def _device(port: Expression | None) -> Iterator[Problem]:
     value = _number(port)
     known = ((0, 24), FILES, PORTS, (501, 508), (1001, 1008))
     if value is not None and port is not None and not any(a <= value <= b for a, b in known):
-        yield Problem(port.at, 'range', f'there is no port or file {value:g}')
+        yield Problem(port.at, 'range', f'unknown port or file {value:g}')
 
 
 def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str, tuple[int, ...]]:
@@ -306,6 +306,6 @@ def _twice(select: Select) -> Iterator[Problem]:
             if value is None:
                 continue
             if value in seen:
-                text = f'Case {value:g} stands in line {seen[value].line} already'
+                text = f'Case {value:g} is a duplicate of line {seen[value].line}'
                 yield Problem(item.value.at, 'unreachable', text, warning=True)
             seen.setdefault(value, item.value.at)

@@ -174,7 +174,7 @@ class Parser(Statements):
         elif word in ('global', 'static') or word in TYPES:
             self._file.declarations.append(declaration(reader, 'module'))
         else:
-            text = f'{found[0].text} stands outside a function: only declarations may'
+            text = f'{found[0].text} outside a function: only declarations are allowed there'
             raise SyntaxProblem(found[0].position, text)
 
     def _read_function(self, reader: Reader) -> Function:
@@ -235,7 +235,7 @@ class Parser(Statements):
     def _statement(self, found: list[Token]) -> list[Statement]:
         first = found[0]
         if first.kind != NAME:
-            raise SyntaxProblem(first.position, f'a statement cannot begin with {first.text[:40]}')
+            raise SyntaxProblem(first.position, f'a statement cannot start with {first.text[:40]}')
         read: list[Statement] = []
         if self._is_label(found):
             read.append(Label(first.text, first.position))
@@ -244,7 +244,7 @@ class Parser(Statements):
                 return read
             first = found[0]
             if first.kind != NAME:
-                raise SyntaxProblem(first.position, 'a statement cannot begin so')
+                raise SyntaxProblem(first.position, 'invalid start of a statement')
         reader = self._reader(found)
         return read + self._one(reader, first)
 
@@ -283,7 +283,9 @@ class Parser(Statements):
 
     def _inline(self, tokens: list[Token]) -> list[Statement]:
         if tokens[0].lower in _ENDS:
-            raise SyntaxProblem(tokens[0].position, f'{tokens[0].text} cannot stand in this line')
+            raise SyntaxProblem(
+                tokens[0].position, f'{tokens[0].text} is not allowed in this line'
+            )
         return self._statement(tokens)
 
     # Blocks of statements
@@ -499,9 +501,9 @@ def _displayed(first: Token) -> Print:
 def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
     word = first.lower
     if word in KEYWORDS:
-        return f'{first.text} cannot begin a statement', 'syntax'
+        return f'{first.text} cannot start a statement', 'syntax'
     if is_a('function', word) or word in CONSTANTS:
-        return f'{first.text} is no statement', 'syntax'
+        return f'{first.text} is not a statement', 'syntax'
     what = 'variable or function' if reader.look(1).text in ('=', '(') else 'statement or function'
     near = near_name(first.text[:40], _NAMES)
     meant = f': did you mean {near}?' if near else ''
@@ -511,7 +513,7 @@ def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
 def _check_name(name: Token, what: str) -> None:
     word = name.lower
     if word in KEYWORDS or word in TYPES or word in TASK_TYPE_WORDS:
-        text = f'{name.text} is a word of SPEL+: no {what} can be so named'
+        text = f'{name.text} is a word of SPEL+: it cannot name a {what}'
         raise SyntaxProblem(name.position, text, 'reserved')
 
 
@@ -530,7 +532,7 @@ def declaration(reader: Reader, scope: str) -> Declaration:
     at = reader.here.position
     if scope == 'local' and reader.sees('global', 'static'):
         word = reader.here.text
-        raise SyntaxProblem(at, f'{word} stands inside a function: put it above all functions')
+        raise SyntaxProblem(at, f'{word} inside a function: put it above all functions')
     if reader.takes('global'):
         scope = 'preserve' if reader.takes('preserve') else 'global'
     reader.takes('static')
@@ -540,7 +542,7 @@ def declaration(reader: Reader, scope: str) -> Declaration:
         name = reader.name('the name of a variable')
         _check_name(name, 'variable')
         if (kind == 'string') != name.text.endswith('$'):
-            text = f'{name.text}: names of strings end in $, and no others'
+            text = f'{name.text}: only names of strings end in $'
             raise SyntaxProblem(name.position, text, 'type')
         bounds: list[Expression] = []
         if reader.takes('('):
@@ -572,7 +574,7 @@ def _parameters(reader: Reader) -> tuple[Parameter, ...]:
         if array:
             reader.need(')')
             if not by_reference:
-                text = f'{name.text}(): arrays are handed over ByRef only'
+                text = f'{name.text}(): arrays are passed ByRef only'
                 raise SyntaxProblem(name.position, text, 'type')
         kind = _parameter_type(reader)
         read.append(Parameter(name.text, kind, by_reference, array, name.position))

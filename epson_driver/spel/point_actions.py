@@ -96,7 +96,7 @@ def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
 def save_points(task: Task, name: str) -> None:
     """SavePoints name (p712)."""
     if ' ' in name or not name.lower().endswith('.pts'):
-        raise bad('SavePoints', f'{name}: a name without blanks that ends in .pts')
+        raise bad('SavePoints', f'{name}: must be a name without blanks that ends in .pts')
     world = task.world
     when = datetime(2000, 1, 1, tzinfo=UTC)
     text = points_of(world.points, _written_labels(task), when)
@@ -232,7 +232,7 @@ _KINDS = ('box', 'plane')
 def _key(kind: str, number: float, robot: float | None = None) -> tuple[str, int]:
     """Return the key of an area. Raises SpelError for an invalid number or robot."""
     if robot not in (None, 1):
-        raise bad(kind.capitalize(), f'robot {robot:g}: there is only robot 1')
+        raise bad(kind.capitalize(), f'robot {robot:g}: must be robot 1')
     return kind, nearest(number)
 
 
@@ -243,7 +243,7 @@ def define_box(task: Task, number: float, *given: float, words: tuple[str, ...] 
     robot = numbers.pop(0) if len(numbers) > _LIMITS + ('logic' in words) else None
     low, high = tuple(numbers[:_LIMITS:2]), tuple(numbers[1:_LIMITS:2])
     if any(a > b for a, b in zip(low, high, strict=True)):
-        raise bad('Box', 'a lower limit is above the upper one')
+        raise bad('Box', 'a lower limit is above its upper limit')
     area = Area(low, high, within('Box', nearest(local), 0, 15))
     task.world.areas[_key('box', number, robot)] = area
 

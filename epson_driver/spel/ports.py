@@ -140,7 +140,7 @@ def _receive(
         if count > 0:
             use(network.take(number, count))
         elif timed_out:
-            raise SpelError(ErrorNumber.READ_TIMEOUT, f'{name}: port {number} got nothing in time')
+            raise SpelError(ErrorNumber.READ_TIMEOUT, f'{name}: port {number} timed out')
         else:
             raise SpelError(ErrorNumber.NETWORK, f'{name}: port {number} has no peer')
 

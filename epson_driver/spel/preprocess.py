@@ -139,10 +139,10 @@ class Preprocessor:
         if named is None:
             raise SyntaxProblem(position, '#include needs a file name in quotes', 'include')
         if named[1].lower() not in self._files:
-            text = f'#include: there is no file {printable(named[1])} in the project'
+            text = f'#include: no file {printable(named[1])} in the project'
             raise SyntaxProblem(position, text, 'include')
         if depth >= DEEPEST_INCLUDE:
-            raise SyntaxProblem(position, 'files include each other without end', 'include')
+            raise SyntaxProblem(position, 'files include each other endlessly', 'include')
         yield from self._lines(named[1].lower(), depth + 1)
 
     def _define(self, word: str, position: Position, rest: list[Token]) -> None:

@@ -117,7 +117,7 @@ def _parts(
     ]
     for index, size in enumerate(sizes):
         if size < SHORTEST_MOVE_S:
-            raise BlendError(index, 'the joints are there already')
+            raise BlendError(index, 'the joints are already there')
     positions = partial(_tool_positions, kinematics, look=look)
     blends: list[_Part] = []
     for index, radius in enumerate(radii):
@@ -136,7 +136,7 @@ def _parts(
         rest = size - cuts[index] - cuts[index + 1]
         if rest < 0.0:
             raise BlendError(
-                index, 'the blends at both ends of the way there overlap: make one of them smaller'
+                index, 'the blends at both ends of the motion overlap: reduce one of them'
             )
         if rest >= SHORTEST_MOVE_S:
             coefficients = np.zeros((6, len(step)))
@@ -177,8 +177,8 @@ def _share_within(
     if not len(outside):
         raise BlendError(
             index,
-            f'a blend of {radius:g} m is longer than the way of the tool, which is '
-            f'{distances.max():.4g} m at most from the corner',
+            f'a blend of {radius:g} m is longer than the largest distance of the '
+            f'tool from the corner, {distances.max():.4g} m',
         )
     near, far = shares[outside[0] - 1 : outside[0] + 1].tolist()
     return highest(lambda share: bool(away(np.array([share]))[0] <= radius), near, far)

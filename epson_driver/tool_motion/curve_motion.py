@@ -168,4 +168,4 @@ def check_range(limits: JointLimits, positions: Array) -> None:
     outside = (lowest < limits.position_min) | (highest > limits.position_max)
     if np.any(outside):
         name = limits.names[int(np.argmax(outside))]
-        raise ValueError(f'{name}: the way leaves its range')
+        raise ValueError(f'{name}: path exceeds the joint range')

@@ -78,7 +78,7 @@ def joint_path(
         for part in run.parts
     ]
     if sum(counts) > MAX_STEPS:
-        raise PathError(f'the path is longer than {MAX_STEPS} looks of {STEP_M * 1e3:g} mm')
+        raise PathError(f'the path is longer than {MAX_STEPS} steps of {STEP_M * 1e3:g} mm')
     looks = [
         np.linspace(*seams, count, endpoint=False)
         for seams, count in zip(pairwise(run.seams), counts, strict=True)
@@ -98,7 +98,7 @@ def joint_path(
         solutions = kinematics.inverse(pose, before)
         if not len(solutions):
             if why := kinematics.why_unreachable(pose):
-                raise PathError(f'no joints give the pose {where}: {why}')
+                raise PathError(f'no joint positions for the pose {where}: {why}')
             raise PathError(_why_none(kinematics, before, where))
         step = np.abs(solutions[0] - before)
         joint = int(np.argmax(step))

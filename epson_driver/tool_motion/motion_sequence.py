@@ -137,8 +137,8 @@ def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primiti
         index = len(primitives) - 1
         radius = primitives[index].blend_radius
         raise SequenceError(
-            f'{_name(index, primitives[index])}: blend_radius = {radius:g} m: must be 0, as '
-            'nothing follows the last motion'
+            f'{_name(index, primitives[index])}: blend_radius = {radius:g} m: must be 0 '
+            'for the last motion'
         )
 
 
@@ -147,17 +147,16 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
     for index, primitive in enumerate(group, first):
         if primitive.move_time:
             raise SequenceError(
-                f'{_name(index, primitive)}: move_time = {primitive.move_time:g} s: a motion that '
-                'is blended does not begin and end at a time of its own; give velocity and '
-                'acceleration'
+                f'{_name(index, primitive)}: move_time = {primitive.move_time:g} s: must be 0 '
+                'for a blended motion, set velocity and acceleration'
             )
     joints = Kind.LINEAR_JOINT
     for index, (one, other) in enumerate(pairwise(group), first):
         if (one.kind is joints) != (other.kind is joints):
             raise SequenceError(
-                f'{_name(index, one)}: blend_radius = {one.blend_radius:g} m: must be 0, as '
-                f'motions[{index + 1}] is {other.kind.name}: a motion that is straight in joint '
-                'space is not blended with one of the tool'
+                f'{_name(index, one)}: blend_radius = {one.blend_radius:g} m: must be 0, '
+                f'because motions[{index + 1}] is {other.kind.name}: joint and tool motions '
+                'cannot be blended'
             )
 
 

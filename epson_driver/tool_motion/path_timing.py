@@ -87,7 +87,7 @@ def timed(
             period /= 2.0
     raise PathError(
         f'points {period * 2.0:.3g} s apart leave the path by {worst * 1e3:.3g} mm between them: '
-        f'the accuracy asked for is {accuracy * 1e3:.3g} mm; go slower'
+        f'the required accuracy is {accuracy * 1e3:.3g} mm. Reduce the speed'
     )
 
 

@@ -76,7 +76,7 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
     chord = float(np.linalg.norm(ac))
     if chord < MIN_BEND_M or np.linalg.norm(normal) < MIN_BEND_M * chord:
         raise ValueError(
-            f'no arc leads from {_text(a)} over {_text(b)} to {_text(c)} m: the three points must '
+            f'no arc from {_text(a)} over {_text(b)} to {_text(c)} m: the three points must '
             f'not be in one line, and the first and the last must differ'
         )
     square = float(normal @ normal)
@@ -205,11 +205,12 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
     radii = [0.0, *blends, 0.0]
     for index, (segment, (begin, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
         if max(segment.length, segment.angle) < SHORTEST_PATH:
-            raise BlendError(index, 'the tool is there already')
+            raise BlendError(index, 'the tool is already there')
         if begin + end > segment.length:
             words = ' and '.join(f'{radius:g} m' for radius in (begin, end) if radius > 0.0)
             raise BlendError(
-                index, f'the way there is {segment.length:.4g} m: a blend of {words} is longer'
+                index,
+                f'the motion is {segment.length:.4g} m long, shorter than the blend of {words}',
             )
     found: list[Run] = []
     parts: list[PosePath] = []

@@ -75,7 +75,7 @@ def runs_trajectory(
     found: list[TimedRun] = []
     tools = [tool] * (path[-1].last + 1)
     for run in path:
-        name = 'the way' if len(path) == 1 else f'the way to points[{run.last}]'
+        name = 'the way' if len(path) == 1 else f'the path to points[{run.last}]'
         begin = found[-1].positions[-1] if found else start
         found.append(timed_run(kinematics, begin, run, tools, name, look))
     return joined(kinematics.model.limits.names, found)[0]

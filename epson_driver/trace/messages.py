@@ -116,7 +116,7 @@ def messages_of(steps: Sequence[Step], controller: str | None = None) -> Message
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
-        raise MessagesError('no connection to a controller is in it')
+        raise MessagesError('it contains no connection to a controller')
     entries = list(_entries(steps))
     port_of = {step.number: step.server[1] for step in steps}
     by_port = _roles(entries, port_of)
@@ -138,7 +138,7 @@ def _of_one_controller(steps: Sequence[Step], controller: str | None) -> list[St
     ]
     addresses = sorted({step.server[0] for step in chosen})
     if len(addresses) > 1:
-        raise MessagesError(f'controllers {", ".join(addresses)} are in it: choose one')
+        raise MessagesError(f'controllers {", ".join(addresses)} are in it: select one')
     return chosen
 
 

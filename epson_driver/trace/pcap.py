@@ -240,9 +240,9 @@ def _file_header(data: bytes) -> tuple[str, float, int]:
         if magic in (MICROSECONDS, NANOSECONDS):
             link_type &= 0xFFFF
             if link_type not in LINK_HEADERS:
-                raise PcapError(f'link type {link_type} is not known')
+                raise PcapError(f'link type {link_type} is not supported')
             return order, 1e-6 if magic == MICROSECONDS else 1e-9, link_type
-    raise PcapError('not a capture: it does not begin as a pcap file does')
+    raise PcapError('not a capture: it has no pcap header')
 
 
 def _segment(packet: bytes, time: float) -> Segment | None:

@@ -95,11 +95,11 @@ class Trace:
         An existing connection is recorded as if it started now, with the bytes received so far of
         its unfinished frame.
         """
-        self.end('another one begins')
+        self.end('replaced by another trace')
         self._name = str(file.name)
         self._file = _BackgroundFile(file)
         self._writer = PcapWriter(self._file)
-        _log.info('trace into %s begins', self._name)
+        _log.info('trace %s started', self._name)
         for link in self._links:
             link.trace = partial(self._take, link)
             if link.addresses is not None:
@@ -130,11 +130,11 @@ class Trace:
             self.end('')  # the log has the reason
             return
         except Exception as error:  # noqa: BLE001 - any error ends the trace only
-            _log.exception('trace into %s fails', self._name)
+            _log.exception('trace %s failed', self._name)
             self.end(f'{type(error).__name__}: {error}')
             return
         if self._writer.size >= self.largest:
-            self.end(f'it has reached its size, {self.largest / MEGABYTE:g} MB')
+            self.end(f'it reached its maximum size, {self.largest / MEGABYTE:g} MB')
 
     def _record(self, link: Link, event: WireEvent, data: bytes) -> None:
         now = self._clock()
@@ -186,7 +186,7 @@ class _BackgroundFile:
         """Buffer bytes. Raises TraceError if the disk failed or does not keep up."""
         with self._lock:
             if len(self._unwritten) > MAX_UNWRITTEN_BYTES:
-                self._fail(f'the disk does not keep up, {len(self._unwritten)} bytes wait for it')
+                self._fail(f'the disk is too slow, {len(self._unwritten)} bytes are pending')
             if self._error:
                 raise TraceError(self._error)
             self._unwritten += data
@@ -213,13 +213,13 @@ class _BackgroundFile:
             with contextlib.suppress(OSError):
                 self._file.close()
         if not self._error:
-            _log.info('trace into %s ends %s', self._file.name, self._why)
+            _log.info('trace %s stopped %s', self._file.name, self._why)
 
     def _fail(self, why: str) -> None:
         if not self._error:
             self._error = why
             self._unwritten.clear()
-            _log.error('trace into %s ends: %s', self._file.name, why)
+            _log.error('trace %s stopped: %s', self._file.name, why)
 
     def _write_all(self, data: memoryview) -> None:
         while data:

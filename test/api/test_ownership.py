@@ -47,9 +47,9 @@ def test_dropped_robot_stops_the_arm_and_ends_its_threads(ports, caplog):
     del robot
     gc.collect()  # pytest's record of the error above
     wait_for(lambda: threading.active_count() == before)
-    assert 'a connected Robot was lost: the arm is stopped' in caplog.text
+    assert 'a connected Robot was deleted: stopping the arm' in caplog.text
     gc.collect()  # the motion, which logs its unread outcome
-    assert 'stopped on request; the arm stands' in caplog.text
+    assert 'stopped on request, the arm is at rest' in caplog.text
 
 
 @pytest.mark.invariant(3, 4, 9)
@@ -63,7 +63,7 @@ def test_dropping_a_robot_with_a_blocked_callback_does_not_block(ports, monkeypa
     losing.start()
     wait_for(lambda: not losing.is_alive())
     gc.collect()
-    wait_for(lambda: 'a connected Robot was lost: the arm is stopped' in caplog.text)
+    wait_for(lambda: 'a connected Robot was deleted: stopping the arm' in caplog.text)
     release.set()
     wait_for(lambda: threading.active_count() == before)
 
@@ -95,7 +95,7 @@ robot.move_joints({FAR}, speed=0.02, wait=False)
 while robot.joints[0] < 0.01:
     pass
 """
-    assert 'leaving: the running motion ended: stopped on request; the arm stands' in output(
+    assert 'leaving: the running motion ended: stopped on request, the arm is at rest' in output(
         program(code)
     )
 
@@ -103,7 +103,9 @@ while robot.joints[0] < 0.01:
 async def test_connect_reports_that_another_client_is_connected():
     async with simulated() as (_, ports):
         _, writer = await asyncio.open_connection('127.0.0.1', ports.motion)
-        with pytest.raises(RobotError, match=r'motion link .* at once: it serves one client'):
+        with pytest.raises(
+            RobotError, match=r'motion link .* immediately: another client is connected'
+        ):
             await aio.Robot(**ports_of(ports)).connect(5.0)
         writer.close()
         robot = await aio.Robot(**ports_of(ports)).connect(5.0)
@@ -118,7 +120,7 @@ async def test_asyncio_robot_is_replaced_and_dropped_likewise(caplog):
         await first.enable()
         motion = await first.move_joints(FAR, speed=0.02, wait=False)
         second = await aio.Robot(**ports_of(ports)).connect()
-        assert motion.text == 'stopped on request; the arm stands'
+        assert motion.text == 'stopped on request, the arm is at rest'
         with pytest.raises(RobotError, match='the connection was closed'):
             await first.enable()
         await second.enable()
@@ -128,7 +130,7 @@ async def test_asyncio_robot_is_replaced_and_dropped_likewise(caplog):
             gc.collect()
             while not motion.done:  # noqa: ASYNC110 - the robot to await is gone
                 await asyncio.sleep(0.1)
-        assert 'a connected Robot was lost' in caplog.text
+        assert 'a connected Robot was deleted' in caplog.text
 
 
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='no fork here')
@@ -167,7 +169,9 @@ def test_forked_child_cannot_use_the_robot(ports):
 def test_robot_cannot_be_copied_or_pickled(copied, kind):
     robot = kind()
     for original in (robot, robot.io, robot.gripper):
-        with pytest.raises(TypeError, match='cannot be copied or pickled: there is one arm'):
+        with pytest.raises(
+            TypeError, match='cannot be copied or pickled, because there is one arm'
+        ):
             copied(original)
 
 

@@ -60,7 +60,7 @@ def test_points_are_found_by_label_or_number_in_any_case(points):
     assert 'later' in points
     with pytest.raises(KeyError, match='nowhere: the points are pick, P3, later, tray'):
         points['nowhere']
-    with pytest.raises(ArgumentError, match='point later has no place yet: teach it'):
+    with pytest.raises(ArgumentError, match='point later is not taught yet'):
         points['later']
     with pytest.raises(ArgumentError, match='point tray is in local 2 of the controller'):
         points['tray']
@@ -137,12 +137,16 @@ def test_yaml_file_round_trip(tmp_path_factory, places):
         ('a.pts', 'Point1 {\n', 'has no end'),
         ('a.pts', 'Point1 {\nnNumber=1000\n}\n', r'point number 1000 is not in 0\.\.999'),
         ('a.pts', 'Point1 {\nnNumber=x\n}\n', "a.pts:2: nNumber='x': must be a"),
-        ('a.pts', 'Point1 {\nnNumber=1\n}\nPoint2 {\nnNumber=1\n}\n', 'two points are called P1'),
+        (
+            'a.pts',
+            'Point1 {\nnNumber=1\n}\nPoint2 {\nnNumber=1\n}\n',
+            'two points have the name P1',
+        ),
         ('a.pts', 'Point1 {\nnNumber=1\nrX=nan\n}\n', "a.pts:3: rX='nan'"),
         ('a.yaml', '[1]', 'must be a mapping'),
         ('a.yaml', 'pick: {x: 1}', 'pick: must have x, y, z'),
         ('a.yaml', 'pick: {x: 1, y: 2, z: far}', "pick: z = 'far'"),
-        ('a.yaml', 'p1: {x: 1, y: 2, z: 3}', 'is no name for a point'),
+        ('a.yaml', 'p1: {x: 1, y: 2, z: 3}', 'must be a unique name of a point'),
         ('a.txt', '', r'must be a \.pts or a \.yaml file'),
     ],
 )
@@ -206,5 +210,5 @@ def test_before_moves_back_along_the_tool():
 
 def test_teach_without_connection_raises():
     robot = aio.Robot()
-    with pytest.raises(RobotError, match='there is no connection'):
+    with pytest.raises(RobotError, match='no connection'):
         robot.points.teach('pick')

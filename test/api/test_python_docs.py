@@ -15,11 +15,11 @@ EXAMPLES = re.findall(r'(?ms)^```python\n(.*?)^```', PAGE)
 EXPECTED = (
     'the arm is enabled',
     'the running motion ended: ',
-    'canceled; the arm stands',
+    'canceled, the arm is at rest',
     'out of reach',
     '[0. 0. 0.]',
     'True',
-    'no stream is followed, and the arm stands',
+    'no stream is followed, and the arm is at rest',
     'link disconnected',
     '0.4',
 )

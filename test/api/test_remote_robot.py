@@ -139,7 +139,7 @@ def test_joints_are_stale_while_the_arm_moves():
             with pytest.raises(RobotError, match=r'the newest joint state is [0-9.]+ s old'):
                 _ = robot.joints
             assert robot.status.moving
-            assert robot.status.text == 'the arm moves'
+            assert robot.status.text == 'the arm is moving'
             await asyncio.sleep(2.0)
             assert not samples
             assert robot.status.enabled
@@ -157,10 +157,10 @@ def test_stop_aborts_the_motion_and_the_next_one_succeeds():
         async with remote_cell() as (robot, controller):
             await robot.move_joints(START)
             motion = await started_motion(robot, controller)
-            assert 'the arm stands' in await robot.stop()
+            assert 'the arm is at rest' in await robot.stop()
             await assert_stays_at_rest(controller)
             assert controller.arm.commanded[0] < 1.4
-            with pytest.raises(MotionError, match='stopped on request; the arm stands'):
+            with pytest.raises(MotionError, match='stopped on request, the arm is at rest'):
                 await motion.wait()
             await robot.move_joints(START)
             assert robot.joints == pytest.approx(START, abs=1e-4)
@@ -172,7 +172,7 @@ def test_cancel_ends_the_motion_as_canceled():
     async def scenario():
         async with remote_cell() as (robot, controller):
             motion = await started_motion(robot, controller)
-            assert 'canceled; the arm stands' in await motion.cancel()
+            assert 'canceled, the arm is at rest' in await motion.cancel()
             await assert_stays_at_rest(controller)
 
     run(scenario())
@@ -253,7 +253,7 @@ def test_cut_during_a_motion_is_reported_and_abort_follows_the_reconnect():
             controller.faults.start(parse('cut port=remote for=1'))
             with pytest.raises(MotionError) as caught:
                 await motion.wait()
-            assert 'goes on to the end of the command' in str(caught.value)
+            assert 'continues to the end of its command' in str(caught.value)
             assert 'E-stop stops it' in str(caught.value)
             assert controller.in_motion
             assert not robot.status.enabled
@@ -290,7 +290,7 @@ def test_second_remote_client_is_rejected():
             writer.write(b'$Login,\r\n')
             assert await reader.readline() == b'#Login,0\r\n'
             robot = aio.Robot(controller='remote', remote_port=ports.remote)
-            with pytest.raises(RobotError, match='serves one client of Remote Ethernet'):
+            with pytest.raises(RobotError, match='another Remote Ethernet client is connected'):
                 await robot.connect(timeout=3.0)
             writer.write(b'$SetMotorsOn,1\r\n')
             assert await reader.readline() == b'#SetMotorsOn,0\r\n'
@@ -336,7 +336,7 @@ def test_plans_of_points_are_rejected(case):
             await robot.move_joints(START)
             with (
                 real_time(),  # for the planning process
-                pytest.raises(MotionError, match=r'a plan of \d+ points: by Remote Ethernet'),
+                pytest.raises(MotionError, match=r'a plan of \d+ points: over Remote Ethernet'),
             ):
                 await REFUSED[case](robot)
             await assert_stays_at_rest(controller)
@@ -347,11 +347,11 @@ def test_plans_of_points_are_rejected(case):
 def test_streams_speed_scaling_and_pause_are_rejected():
     async def scenario():
         async with remote_cell() as (robot, controller):
-            with pytest.raises(RobotError, match='by Remote Ethernet alone the arm follows no'):
+            with pytest.raises(RobotError, match='over Remote Ethernet alone the arm follows no'):
                 robot.servo(robot.joints)
             for factor in (0.0, 0.5):
                 with pytest.raises(
-                    RobotError, match='no other speed while it moves, and no pause'
+                    RobotError, match='cannot change the speed during a motion, or pause'
                 ):
                     robot.set_speed_scaling(factor)
             robot.set_speed_scaling(1.0)
@@ -404,7 +404,7 @@ def test_slow_replies_only_delay_the_state():
             link._write = send_late
             await robot.move_joints(START)
             motion = await started_motion(robot, controller)
-            assert 'the arm stands' in await robot.stop()
+            assert 'the arm is at rest' in await robot.stop()
             assert motion.done
             del link._write
 
@@ -470,13 +470,15 @@ def test_connect_with_pressed_estop_reports_the_remedy():
 
 
 def test_remote_port_0_is_rejected():
-    with pytest.raises(ValueError, match='remote_port = 0: this controller is reached by nothing'):
+    with pytest.raises(
+        ValueError, match='remote_port = 0: this controller has no other interface'
+    ):
         aio.Robot(controller='remote', remote_port=0)
 
 
 def test_interface_of_another_controller_is_rejected():
     settings = aio.Settings(interface='streaming')
-    with pytest.raises(ValueError, match='interface = streaming: the controller remote takes'):
+    with pytest.raises(ValueError, match='interface = streaming: the controller remote supports'):
         aio.Robot(controller='remote', settings=settings)
 
 

@@ -119,7 +119,7 @@ def test_exception_in_the_context_manager_stops_the_arm(ports, error):
             raise error
     except error:
         pass
-    assert motion.text == 'stopped on request; the arm stands'
+    assert motion.text == 'stopped on request, the arm is at rest'
     with robot_at(ports) as robot:
         assert 0.0 < robot.joints[0] < 1.0
         assert not robot.status.moving
@@ -196,7 +196,7 @@ def test_ctrl_c_stops_the_arm(ports, code):
     process = program(code, *(ports[name] for name in sim_process.PORTS))
     assert process.stdout.readline() == 'moving\n'
     process.send_signal(signal.SIGINT)
-    assert output(process) == 'stopped on request; the arm stands\n'
+    assert output(process) == 'stopped on request, the arm is at rest\n'
     with robot_at(ports) as robot:
         assert 0.0 < robot.joints[0] < 1.0
 
@@ -228,7 +228,7 @@ def test_ctrl_c_in_wait_cancels_the_motion():
     process = program(INTERRUPTED, start_new_session=True)
     assert process.stdout.readline() == 'moving\n'
     process.send_signal(signal.SIGINT)
-    assert output(process) == 'canceled; the arm stands True\n'
+    assert output(process) == 'canceled, the arm is at rest True\n'
 
 
 @pytest.mark.invariant(3)
@@ -361,7 +361,7 @@ def test_timeout_of_wait_does_not_end_the_motion(ports):
         with pytest.raises(TimeoutError):
             motion.wait(0.05)
         assert not motion.done
-        assert motion.cancel() == 'canceled; the arm stands'
+        assert motion.cancel() == 'canceled, the arm is at rest'
 
 
 @pytest.mark.slow

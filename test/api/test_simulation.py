@@ -64,7 +64,7 @@ def test_invalid_fault_or_input_is_rejected():
             robot.simulation.input(3, kind='DO')
         with pytest.raises(RobotError, match='65535'):
             robot.simulation.input(65_535)
-    with pytest.raises(RobotError, match='there is no connection'):
+    with pytest.raises(RobotError, match='no connection'):
         robot.simulation.estop()
 
 

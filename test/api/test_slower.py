@@ -15,7 +15,11 @@ from epson_driver.share import share_folder
 PROFILES = sorted(path.stem for path in share_folder('config', 'controllers').glob('*.yaml'))
 TARGET = [0.15, 0.0, 0.0, 0.0, 0.0, 0.0]
 WINDOW_S = 0.1
-REASONS = ('override of its pendant', 'by Remote Ethernet alone', 'the least that the controller')
+REASONS = (
+    'override of its pendant',
+    'over Remote Ethernet alone',
+    'the least that the controller',
+)
 """Parts of the errors of a rejection."""
 
 

@@ -172,7 +172,7 @@ async def test_continued_stream_is_rejected_after_a_stop_until_released(how):
         await robot.wait_until(lambda sample: np.abs(sample.velocities).max() < 1e-3)
         here = robot.joints
         for number in range(int(seconds * rate)):
-            with pytest.raises(RobotError, match='must be let go of first'):
+            with pytest.raises(RobotError, match='must be released first'):
                 robot.servo(here + 0.002 * (number % 2 + 1))
             await asyncio.sleep(1.0 / rate)
         assert robot.joints == pytest.approx(here, abs=1e-3)
@@ -189,7 +189,7 @@ async def test_stream_before_enable_is_rejected_and_never_moves():
                 robot.servo(np.full(6, 0.02 * (number % 2)))
             await asyncio.sleep(0.03)
         await robot.enable()
-        with pytest.raises(RobotError, match='must be let go of first'):
+        with pytest.raises(RobotError, match='must be released first'):
             robot.servo(np.full(6, 0.01))
         await asyncio.sleep(1.0)
         assert not robot.joints.any()
@@ -202,12 +202,12 @@ async def test_stream_before_enable_is_rejected_and_never_moves():
         ('servo', [float('nan')] * 6, r'target: joint_1 = nan: must be a finite number'),
         ('servo', [0.0] * 5, r'target has shape \(5,\): must be \(6,\)'),
         ('servo', ['0.1'] * 6, 'target: must be numbers'),
-        ('servo_velocity', [100.0] + [0.0] * 5, 'velocities: joint_1 = 100 rad/s is beyond'),
+        ('servo_velocity', [100.0] + [0.0] * 5, 'velocities: joint_1 = 100 rad/s is above'),
         ('servo_velocity', [0.0] * 5 + [float('inf')], 'velocities: joint_6 = inf'),
         ('servo_speed', [0.1] * 5, r'velocity has shape \(5,\): must be \(6,\)'),
         ('servo_speed', [float('nan')] * 6, 'velocity'),
         ('servo_pose', np.eye(3), r'pose has shape \(3, 3\)'),
-        ('servo_pose', 1e3 * np.array([1, 1, 1, 0, 0, 0, 1e-3]), 'places are in m'),
+        ('servo_pose', 1e3 * np.array([1, 1, 1, 0, 0, 0, 1e-3]), 'positions are in m'),
     ],
 )
 async def test_invalid_setpoint_is_rejected_and_nothing_moves(method, value, expected):
@@ -258,7 +258,7 @@ async def test_move_and_stream_exclude_each_other():
 async def test_controller_without_streams_rejects_setpoints():
     for profile in ('motoman', 'abb'):
         async with robot_cell(profile=profile, smooth=profile == 'motoman') as (robot, _):
-            with pytest.raises(RobotError, match='follows no streams'):
+            with pytest.raises(RobotError, match='follows no setpoint streams'):
                 robot.servo(np.full(6, 0.5))  # also out of range, but that matters less
 
 
@@ -272,7 +272,7 @@ async def test_samples_have_time_stamps_and_conditions_can_be_awaited():
         assert not motion.done
         assert passed.time > first.time
         await motion.wait()
-        with pytest.raises(TimeoutError, match=r'did not hold within 0\.3 s'):
+        with pytest.raises(TimeoutError, match=r'not met within 0\.3 s'):
             await robot.wait_until(lambda sample: sample.positions[0] > 1.0, timeout=0.3)
         waiting = asyncio.create_task(robot.wait_for_input(3))
         await asyncio.sleep(0.3)

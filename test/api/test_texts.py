@@ -17,7 +17,7 @@ OF_ROS = re.compile(r'~/|\bgoals?\b')
 
 ALLOWED = re.compile(
     r'(at|to|from|than to) the goal|goal_time'  # a target position
-    r'|new(er)? goal|goal before|goal that was given up'
+    r'|new(er)? goal|goal before|cancelled goal'
     r'|^goal$'  # name of a counter
 )
 

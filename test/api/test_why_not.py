@@ -103,7 +103,7 @@ async def test_paused_or_stopped_program_is_not_called_an_error(profile, event):
     async with robot_cell(profile=profile) as (robot, controller):
         controller.apply(event)
         await asyncio.sleep(0.5)
-        expected = r'paused, or main does not run .*; continue at the controller, or start main'
+        expected = r'paused, or main is not running .*; continue at the controller, or start main'
         with pytest.raises(MotionError, match=expected):
             await robot.move_joints(robot.joints + 0.05)
 
@@ -131,9 +131,9 @@ async def test_enable_reports_that_main_does_not_run():
     async with robot_cell(profile='rc700a') as (robot, controller):
         controller.apply(Event.STOP)
         await asyncio.sleep(0.5)
-        assert 'but the controller is paused, or main does not run' in await robot.enable()
+        assert 'but the controller is paused, or main is not running' in await robot.enable()
         await robot.disable()
-        assert 'but the controller says that motion is not possible' in await robot.enable()
+        assert 'but the controller reports that motion is not possible' in await robot.enable()
 
 
 async def test_unexplained_rejection_is_reported_unchanged(monkeypatch):

@@ -46,7 +46,7 @@ def test_launch_argument_has_name_default_and_description() -> None:
 def test_described_defaults_equal_the_client_defaults() -> None:
     defaults = {row.name: row.default for row in TABLE}
     for argument in launch_arguments('robot_ip', 'controller', 'robot_model'):
-        (named,) = re.findall(r'or ([\w.]+)\.$', argument['description'])
+        (named,) = re.findall(r'else ([\w.]+)\)\.$', argument['description'])
         assert named == defaults[argument['name']]
     assert defaults['robot_model'] == DEFAULT_MODEL
 

@@ -138,9 +138,9 @@ def test_moveit_uses_the_started_controller() -> None:
 @pytest.mark.parametrize(
     ('given', 'why'),
     [
-        ({'interface': 'download'}, 'interface = download: a download moves when all of it'),
-        ({'controller': 'abb'}, 'interface = download: a download moves when all of it'),
-        ({'controller': 'motoman'}, 'controller = motoman: its points are not followed'),
+        ({'interface': 'download'}, 'interface = download: a download starts after'),
+        ({'controller': 'abb'}, 'interface = download: a download starts after'),
+        ({'controller': 'motoman'}, 'controller = motoman: it does not support streams'),
     ],
 )
 def test_driver_without_streams_is_refused(given: dict[str, str], why: str) -> None:

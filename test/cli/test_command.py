@@ -423,3 +423,11 @@ def test_repeated_ctrl_c_leaves_no_process_of_the_demo(
     assert demo.returncode == 130, output
     assert 'Traceback' not in output
     assert [child for child in children if Path('/proc', child).exists()] == []
+
+
+@pytest.mark.parametrize('name', sorted(EXECUTABLES))
+def test_help_has_examples_exit_codes_and_defaults(name: str) -> None:
+    text = command(name, '--help').stdout
+    assert text.count(f'\n  epson_driver {name} ') + text.count(f'\n  epson_driver {name}\n') >= 2
+    assert re.search(r'\nexit codes: 0 .*, 2 invalid arguments', text)
+    assert not re.search(r'\((?!default|repeatable)[\w.]+\)\n', text.partition('examples:')[0])

@@ -81,16 +81,14 @@ def test_interruption_saves_the_finished_steps(call, capsys, how):
     call.answers = int(how == 'end of input')
     call.error = KeyboardInterrupt() if how == 'Ctrl-C' else None
     assert call('127.0.0.1', '--file=a.html') == INTERRUPTED
-    assert 'ended; what was done is kept: a.html' in capsys.readouterr().out
+    assert 'ended, completed steps are saved in a.html' in capsys.readouterr().out
 
 
 def test_page_of_another_robot_is_refused(call, capsys):
     assert call('127.0.0.1', '--file=a.html') == 0
     with pytest.raises(SystemExit, match='2'):
         call('127.0.0.1', '--file=a.html', '--robot=gx8_c552s')
-    assert 'is about the robot c3_a601s; give that one, or another --file' in (
-        capsys.readouterr().err
-    )
+    assert 'is for robot c3_a601s: use that, or another --file' in (capsys.readouterr().err)
     call.error = InputError('no such robot')
     with pytest.raises(SystemExit, match='2'):
         call('127.0.0.1')

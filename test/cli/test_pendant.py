@@ -99,7 +99,7 @@ def test_status_shows_the_condition_of_a_simulated_controller(port):
     for row in (
         'motors=off', 'estop=pressed', 'mode=AUTO', 'joints: 0.00000 0.00000', 'timing: ',
         'state=the E-stop is pressed or not reset; release it, reset',
-        'error=2261 (the motion task does not exist', '1=motion server,Normal,aborted (2261)',
+        'error=2261 (motion task not running', '1=motion server,Normal,aborted (2261)',
     ):  # fmt: skip
         assert row in text
 
@@ -202,7 +202,7 @@ def test_other_protocol_is_reported():
     with ScriptedPort(greeting=b'SSH-2.0-server\r\n') as other:
         code, text, _ = call(other.port, 'motors on')
     assert code == 1
-    assert 'is no answer to Login' in text
+    assert 'is not a reply to Login' in text
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_status_shows_the_flags_of_a_real_controller(answers, rows):
         ('01000000001', 'the mode is TEACH; turn it to AUTO'),
         ('00100001001', 'the controller is in error 517; reset'),
         ('00100000100', 'the tasks are paused; continue'),
-        ('00100000010', 'the arm still moves: try again when it stands'),
+        ('00100000010', 'the arm is still moving: try again when it has stopped'),
         ('00100000001', 'the controller does not accept it in its present condition'),
     ],
 )
@@ -284,7 +284,7 @@ def test_manual_actions_are_refused_at_a_real_controller(words):
     with ScriptedPort() as real:
         code, text, _ = call(real.port, words)
     assert code == 1
-    assert text == 'refused: this is no simulation: it is done by hand, at the controller'
+    assert text == 'refused: not possible remotely at a real controller: do it there by hand'
 
 
 @pytest.mark.parametrize(

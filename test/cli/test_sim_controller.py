@@ -178,7 +178,7 @@ def test_port_in_use_is_reported_by_name(start):
     assert result.returncode == 1
     assert result.stdout == ''
     assert f'state port 127.0.0.1:{ports["state"]}: Address already in use; ' in result.stderr
-    assert '--state-port … (0: any free one)' in result.stderr
+    assert '--state-port … (0: any free port)' in result.stderr
     assert 'Traceback' not in result.stderr
 
 
@@ -234,7 +234,7 @@ def test_fault_and_look_ahead_options_are_applied(start):
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        (['--define', 'A=1'], '--define: there is no SPEL+ program'),
+        (['--define', 'A=1'], '--define: needs a SPEL+ program'),
         (['--program-port', '2001'], "'2001', PORT=PORT: '': must be a port from 0"),
         (['--program-port', 'x=0'], "'x=0', PORT=PORT: x: must be a port from 1"),
         (['--program-port', '2001=70000'], "'2001=70000', PORT=PORT: 70000: must be a port"),

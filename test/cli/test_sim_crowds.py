@@ -154,7 +154,7 @@ def test_inv7_flood_of_refused_commands_blocks_neither_log_nor_pendant(crowded, 
             receive(state, 6000)
     size = log.stat().st_size
     data = log.read_bytes()
-    assert b'there is no command' in data
+    assert b'unknown command' in data
     assert b'Traceback' not in data
     assert not set(data) & {0x1B, 0x07, 0x9B}
     # a few kinds of lines (connected, gone, makes room, refused), each with burst and rate limit

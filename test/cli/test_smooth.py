@@ -68,7 +68,7 @@ def test_smooth_motion_and_picture_are_written(run, tmp_path):
     for word in (
         'duration',
         'point to point',
-        'stops on the way',
+        'intermediate stops',
         'highest jerk',
         'waypoint error',
     ):
@@ -119,7 +119,7 @@ def test_invalid_plans_and_options_are_rejected_with_a_reason(run, tmp_path):
         assert len(list(tmp_path.iterdir())) == 1
         return error
 
-    assert 'rename them, or name another robot' in refusal(replace=[('joint_6', 'tool')])
+    assert 'rename them, or select another robot' in refusal(replace=[('joint_6', 'tool')])
     error = refusal(replace=[('[-1.0, -0.55', '[-3.5, -0.55')])
     assert 'point 0, joint_1: position -3.5 rad is outside the limits -2.96706 … 2.96706' in error
     assert 'times must strictly increase' in refusal(
@@ -193,7 +193,7 @@ def test_planned_stops_have_a_separate_count(run, tmp_path):
     path.write_text(f'joint_names: {list(LIMITS.names)}\npoints:\n{"".join(points)}')
     code, text, _ = run(path)
     assert code == 0
-    assert '0, and 1 that the plan asks for' in ' '.join(text.split())
+    assert '0, and 1 in the plan' in ' '.join(text.split())
 
 
 def test_picture_without_matplotlib_is_refused(run, monkeypatch, tmp_path):

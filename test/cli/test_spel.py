@@ -149,8 +149,8 @@ def test_test_functions_run_and_are_reported(program: Path) -> None:
         '(OnErr), or add it to UserErrors.dat',
         '  about to fail',
         'passed TestWaits (100.000 s)',
-        'FAILED TestNeverEnds: tests.prg:15: not over after 600 s of the controller',
-        'FAILED TestForNobody: tests.prg:21: waits for what never comes',
+        'FAILED TestNeverEnds: tests.prg:15: still running after 600 s of controller time',
+        'FAILED TestForNobody: tests.prg:21: waits for an event that cannot occur',
         'FAILED TestWith: tests.prg:23: a test cannot have parameters',
         'tests.prg: 11 of 18 lines ran',
         '2 passed, 4 failed',
@@ -169,7 +169,7 @@ def test_test_functions_can_be_selected(program: Path) -> None:
     done = run('test', program, '-k', 'ADDS')
     assert (done.returncode, done.stdout.splitlines()[-1]) == (0, '1 passed, 0 failed')
     done = run('test', program, '-k', 'nothing')
-    assert (done.returncode, done.stdout) == (1, 'no function is named Test…\n')
+    assert (done.returncode, done.stdout) == (1, 'no functions named Test… found\n')
 
 
 def test_invalid_program_is_not_tested(tmp_path: Path) -> None:
@@ -281,14 +281,14 @@ def test_invalid_program_is_not_started(tmp_path: Path) -> None:
     assert done.returncode == 1
     message = 'error: unknown statement or function Jumps: did you mean Jump? [unknown]'
     assert done.stdout == f'{tmp_path}/main.prg:2:3: {message}\n'
-    assert done.stderr == f'{tmp_path} has no .sprj: all its .prg files are built\n'
+    assert done.stderr == f'{tmp_path} has no .sprj file: all its .prg files are built\n'
 
 
 def test_timeout_of_run_shows_the_tasks(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text('Function main\n  Do\n    Wait 1\n  Loop\nFend\n')
     done = run_with_input('', '--fast', '--seconds', '5', tmp_path)
     assert done.returncode == 3
-    assert 'not over after 5.00 s' in done.stderr
+    assert 'still running after 5.00 s' in done.stderr
     assert 'task 1 main (Normal): waits main.prg:3' in done.stderr
 
 
@@ -365,7 +365,9 @@ def test_test_functions_can_move_the_arm(tmp_path: Path) -> None:
     done = run('test', '--robot', 't3_401s', tmp_path)
     assert done.returncode == 0, done.stdout
     done = run('test', 'main.prg', cwd=tmp_path)
-    message = 'FAILED TestJumps: main.prg:3: error 9993: Jump: only a SCARA can; c3_a601s is none'
+    message = (
+        'FAILED TestJumps: main.prg:3: error 9993: Jump: only a SCARA can, but c3_a601s is not one'
+    )
     assert done.stdout.startswith(message)
     assert done.stderr == ''
 

@@ -62,7 +62,7 @@ def test_trajectory_of_another_arm_is_refused():
         demo._fitting(FILE, load_robot_model('gx4_c251s'))
     text = str(error.value)
     assert text.startswith(f'{FILE}: its joints are joint_1, ')
-    assert text.endswith('joint_4: name its model with --robot')
+    assert text.endswith('joint_4: select its model with --robot')
     assert demo._fitting(FILE, MODEL).joint_names == MODEL.joint_names
 
 
@@ -78,11 +78,11 @@ def executed(**figures):
     ('figures', 'faults'),
     [
         ({}, []),
-        ({'stops': 1}, ['the arm stopped once on the way']),
-        ({'stops': 3}, ['the arm stopped 3 times on the way']),
+        ({'stops': 1}, ['the arm stopped once during the motion']),
+        ({'stops': 3}, ['the arm stopped 3 times during the motion']),
         (
             {'waypoint_deviation': 0.25},
-            [f'a waypoint was missed by 0.2500 rad, {run.MAX_DEVIATION_RAD:g} rad are allowed'],
+            [f'a waypoint was missed by 0.2500 rad (allowed: {run.MAX_DEVIATION_RAD:g} rad)'],
         ),
     ],
 )
@@ -129,8 +129,8 @@ def test_pause_after_a_slow_start_is_a_stop():
 def test_planned_stops_have_a_separate_text():
     plan = demo._fitting(FILE, MODEL)
     rows = dict(run._rows(MODEL, plan, executed(stops=1, commanded_stops=2)))
-    assert rows['stops on the way'] == '1, and 2 that the plan asks for'
-    assert dict(run._rows(MODEL, plan, executed()))['stops on the way'] == '0'
+    assert rows['intermediate stops'] == '1, and 2 in the plan'
+    assert dict(run._rows(MODEL, plan, executed()))['intermediate stops'] == '0'
 
 
 @pytest.mark.parametrize(('hung', 'expected'), [(0.01, 1), (0.72, TOO_BUSY)])
@@ -225,16 +225,16 @@ def test_end_of_the_driver_during_stay_is_an_error(monkeypatch):
     assert 'panel: http://127.0.0.1:8080/' in output
 
 
-FAULT = 'smooth: the arm stopped once on the way'
+FAULT = 'smooth: the arm stopped once during the motion'
 
 
 @pytest.mark.parametrize(
     ('faults', 'missed', 'gap', 'code', 'words'),
     [
-        ([], 0, 0.01, 0, 'the arm did what was planned'),
-        ([], 900, 3.0, 0, 'the arm did what was planned'),
-        ([FAULT], 0, 0.01, 1, f'the motion was not as planned: {FAULT}'),
-        ([FAULT], 0, MAX_GAP_S, 1, f'the motion was not as planned: {FAULT}'),
+        ([], 0, 0.01, 0, 'the arm followed the plan'),
+        ([], 900, 3.0, 0, 'the arm followed the plan'),
+        ([FAULT], 0, 0.01, 1, f'the motion differs from the plan: {FAULT}'),
+        ([FAULT], 0, MAX_GAP_S, 1, f'the motion differs from the plan: {FAULT}'),
         (
             [FAULT],
             1,
@@ -333,7 +333,7 @@ def client(monkeypatch):
 def test_requests_without_a_driver_report_the_missing_service(client):
     with pytest.raises(RunError, match=r'no ~/enable service within 0\.05 s'):
         client.enable()
-    with pytest.raises(RunError, match='no joint states came while the goal ran'):
+    with pytest.raises(RunError, match='no joint states received during the goal'):
         client.recording()
     with pytest.raises(RunError, match=r'no answer within 0\.1 s'):
         client._complete(Future(), 0.1)

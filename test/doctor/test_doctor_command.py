@@ -52,11 +52,15 @@ def test_correct_environment_has_no_errors():
 @pytest.mark.parametrize(
     ('changes', 'key', 'message'),
     [
-        ({'ROS_DOMAIN_ID': 'five'}, (Level.WRONG, 'domain'), "'five' is not a number"),
-        ({'ROS_DOMAIN_ID': '150'}, (Level.NOTE, 'domain'), 'ports may be taken'),
-        ({}, (Level.NOTE, 'domain'), 'shared with everybody'),
+        ({'ROS_DOMAIN_ID': 'five'}, (Level.WRONG, 'domain'), "'five': must be a number"),
+        ({'ROS_DOMAIN_ID': '150'}, (Level.NOTE, 'domain'), 'other programs may use its ports'),
+        ({}, (Level.NOTE, 'domain'), 'the default of all machines'),
         ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, (Level.WRONG, 'discovery range'), 'OFF'),
-        ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'MARS'}, (Level.WRONG, 'discovery range'), 'is none'),
+        (
+            {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'MARS'},
+            (Level.WRONG, 'discovery range'),
+            'is invalid',
+        ),
         ({'ROS_LOCALHOST_ONLY': '1'}, (Level.NOTE, 'discovery range'), 'overrides'),
         ({'RMW_IMPLEMENTATION': 'rmw_none'}, (Level.WRONG, 'ROS'), 'rmw_none'),
     ],
@@ -87,7 +91,7 @@ def test_removed_or_foreign_shared_memory_is_reported(monkeypatch, tmp_path):
     lost, foreign, logout = (each.found for each in findings.all)
     assert 'process 7 were removed' in lost
     assert f'user {os.getuid()} uses it' in foreign
-    assert 'who logs out' in logout
+    assert 'at logout' in logout
     (tmp_path / 'LOGIND').write_text('RemoveIPC=no\n')
     environment._check_shared_memory(findings)
     assert len(findings.all) == 5
@@ -272,7 +276,7 @@ def test_closed_state_port_is_an_error_with_exit_code_1(tmp_path):
     learned = tmp_path / 'x.yaml'
     run = doctor('127.0.0.1', '--state-port', '1', '--learn', str(learned))
     assert run.returncode == 1
-    message = 'state port: 127.0.0.1:1: the machine is there, but nothing listens at this port'
+    message = 'state port: 127.0.0.1:1: the machine replies, but nothing listens at this port'
     assert f'{message} (Connection refused)' in run.stdout
     assert '→ start the program on the controller' in run.stdout
     assert 'no profile is written' in run.stdout
@@ -282,7 +286,7 @@ def test_closed_state_port_is_an_error_with_exit_code_1(tmp_path):
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        (('--ask',), 'give its address'),
+        (('--ask',), 'need the address'),
         (('not a host',), 'must be an IP address'),
         (('127.0.0.1', '--controller', 'mars'), 'no mars'),
         (('127.0.0.1', '--robot', 'mars'), 'no robot model mars'),
@@ -303,7 +307,7 @@ def test_existing_profile_is_not_overwritten(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', '127.0.0.1', '--learn', str(path)])
     with pytest.raises(SystemExit, match='2'):
         command.main()
-    assert 'is there already' in capsys.readouterr().err
+    assert 'must be a new file' in capsys.readouterr().err
     assert path.read_text() == 'precious'
 
 
@@ -392,7 +396,7 @@ def test_ros2_doctor_counts_the_errors(monkeypatch):
     result = check.check()
     assert result.errors == 1 + any('rclpy' in each for each in messages)
     assert result.errors + result.warnings == len(messages)
-    assert any('everybody on this network can move the robot' in each for each in messages)
+    assert any('every machine on this network can move the robot' in each for each in messages)
     assert any('ROS_DOMAIN_ID' in each for each in messages)
     text = (Path(__file__).parents[2] / 'setup.py').read_text(encoding='utf-8')
     assert 'cli.ros2_doctor:EpsonDriverCheck' in text

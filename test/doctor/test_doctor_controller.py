@@ -130,9 +130,7 @@ def test_remote_profile_is_examined_by_remote_ethernet():
         'within the limits of a c3_a601s: 0.0'
     )
     assert 'off: the driver switches them on' in found_at(findings, Level.OK)[ARM]
-    assert (
-        'no streams, no plans of points' in found_at(findings, Level.NOTE)['Remote Ethernet alone']
-    )
+    assert 'no streams, no trajectories' in found_at(findings, Level.NOTE)['Remote Ethernet alone']
 
 
 def test_remote_profile_reports_an_open_door():
@@ -145,7 +143,7 @@ def test_occupied_remote_port_is_reported():
         'remote', inside=lambda ports: logged_in('127.0.0.1', ports.remote, 1000.0)
     )
     (wrong,) = [each for each in findings.all if each.level is Level.WRONG]
-    assert 'closed by the controller before it answered Login' in wrong.found
+    assert 'closed by the controller before the reply to Login' in wrong.found
     assert 'stop the other one, which may be the driver' in wrong.remedy
 
 
@@ -177,7 +175,7 @@ def test_learned_profile_equals_the_original_or_gives_reasons(tmp_path, name):
     text = path.read_text(encoding='utf-8')
     for key in missing:
         assert f'# * {key}: {why_not(key)}' in text
-    assert ('# * io: of it the numbers of points only' in text) == ('io' in facts)
+    assert ('# * io: only the numbers of points' in text) == ('io' in facts)
 
 
 @pytest.mark.parametrize('name', KINDS)
@@ -202,13 +200,13 @@ def test_every_key_has_a_reason_if_not_learned():
 def test_profile_fits_its_controller(name):
     _, findings = examined(name, may_ask=True)
     assert found_at(findings, Level.WRONG) == {}
-    assert 'fits in' in found_at(findings, Level.OK)['profile']
+    assert 'matches in' in found_at(findings, Level.OK)['profile']
 
 
 def test_wrong_profile_is_reported_by_key():
     _, findings = examined(expected='fanuc')
     wrong = [each.found for each in findings.all if each.level is Level.WRONG]
-    assert 'byte_order is little, the profile fanuc says big' in wrong
+    assert 'byte_order is little, but big in the profile fanuc' in wrong
     assert any(each.startswith('state.period is 0.00') for each in wrong)
     assert findings.exit_code == 1
 
@@ -265,7 +263,7 @@ def test_silent_controller_is_reported():
 
     _, findings = examined(prepare=silent)
     assert found_at(findings, Level.WRONG)['state port'].startswith(
-        'accepts, but nothing came in 5'
+        'accepts, but sent nothing in 5'
     )
 
 
@@ -282,7 +280,7 @@ def test_interrupted_stream_is_an_error_except_on_a_busy_machine(monkeypatch, la
     _, findings = examined(prepare=silent)
     assert found_at(findings, level)['state port'].endswith('half-open')
     assert findings.exit_code == int(level is Level.WRONG)
-    assert ('too busy to tell' in findings.verdict) == (level is Level.NOTE)
+    assert ('too busy to judge' in findings.verdict) == (level is Level.NOTE)
 
 
 def test_occupied_state_port_is_reported():
@@ -295,7 +293,7 @@ def test_occupied_state_port_is_reported():
 
     facts, findings = examined('fanuc', inside=occupied)
     assert facts == {}
-    assert 'it has a client already' in found_at(findings, Level.WRONG)['state port']
+    assert 'another client is connected' in found_at(findings, Level.WRONG)['state port']
 
 
 def test_closed_state_port_is_reported():
@@ -371,7 +369,7 @@ def test_arm_that_can_move_has_no_findings():
             (lambda controller: controller.press_estop(), 'E-stop', 'pressed'),
             (lambda controller: controller.apply(Event.MODE_MANUAL), 'key switch', 'MANUAL'),
             (paused, 'pause', 'the tasks are paused'),
-            (ended, 'main', 'main does not run'),
+            (ended, 'main', 'main is not running'),
         ],
         several=True,
     ),
@@ -383,7 +381,7 @@ def test_remote_port_gives_reasons_missing_in_status(prepare, about, text):
     assert text in held[0].found
     assert len({each.about for each in held}) == len(held)
     assert 'the arm' not in [each.about for each in held]  # the general reason is replaced
-    assert 'Remote Ethernet answers: ' in found_at(findings, Level.OK)['remote port']
+    assert 'Remote Ethernet replies: ' in found_at(findings, Level.OK)['remote port']
 
 
 @pytest.mark.slow
@@ -404,5 +402,5 @@ def test_stopped_main_and_wrong_control_device_are_reported(monkeypatch):
     _, findings = examined('spel', prepare=ended, may_ask=True)
     held = found_at(findings, Level.HELD)
     assert held['control device'].startswith('the control device is the PC with RC+')
-    assert held['main'] == 'main does not run'
+    assert held['main'] == 'main is not running'
     assert findings.exit_code == 1

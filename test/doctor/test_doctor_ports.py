@@ -58,22 +58,27 @@ def state_port_errors(scripted, **options):
 
 
 KINDS = [
-    ('HTTP', {'state': web}, {}, "a web server (HTTP) is there, no state port: 'HTTP/1.0 501"),
+    ('HTTP', {'state': web}, {}, "this is a web server (HTTP), not a state port: 'HTTP/1.0 501"),
     (
         'simple message',
         {'state': pings},
         {},
         'simple message, but neither joint states nor STATUS',
     ),
-    ('silence', {'state': silent}, {}, 'accepts, but nothing came in 1.0 s'),
+    ('silence', {'state': silent}, {}, 'accepts, but sent nothing in 1.0 s'),
     (
         'swapped',
         {'state': answers(lambda message: None), 'motion': sends(JOINTS, OFF)},
         {},
         'state and motion are swapped',
     ),
-    ('half-open', {'state': falls_silent}, {'seconds': 4.0}, '4 messages came, then none for 3.'),
-    ('refused', {}, {}, 'the machine is there, but nothing listens at this port'),
+    (
+        'half-open',
+        {'state': falls_silent},
+        {'seconds': 4.0},
+        '4 messages received, then none for 3.',
+    ),
+    ('refused', {}, {}, 'the machine replies, but nothing listens at this port'),
 ]
 
 
@@ -99,16 +104,20 @@ def test_other_protocol_at_the_state_port_is_reported(noise):
 
     facts, findings = examined(ScriptedPorts(state=send_noise))
     (error,) = [each.found for each in findings.all if each.about == 'state port']
-    assert 'something else answers there' in error or 'nothing came' in error
+    assert 'another program replies there' in error or 'nothing came' in error
     assert facts == {}
 
 
 @pytest.mark.parametrize(
     ('error', 'sentence', 'remedy'),
     [
-        (socket.gaierror(-2, 'Name or service not known'), 'no machine has this name', 'spelling'),
-        (TimeoutError(errno.ETIMEDOUT, 'x'), 'nothing comes back from this address', 'firewall'),
-        (OSError(errno.EHOSTUNREACH, 'x'), 'there is no way to this address', 'network settings'),
+        (
+            socket.gaierror(-2, 'Name or service not known'),
+            'no machine with this name',
+            'spelling',
+        ),
+        (TimeoutError(errno.ETIMEDOUT, 'x'), 'no reply from this address', 'firewall'),
+        (OSError(errno.EHOSTUNREACH, 'x'), 'no route to this address', 'network settings'),
     ],
 )
 def test_reason_of_a_failed_connection_is_reported(monkeypatch, error, sentence, remedy):
@@ -134,7 +143,7 @@ def test_lost_machine_is_reported(monkeypatch):
 
     monkeypatch.setattr(asyncio.StreamReader, 'read', gone)
     found, remedies = state_port_errors(ScriptedPorts(state=sends(JOINTS, OFF)))
-    assert 'half-open: the connection stood, but the machine is gone' in found[0]
+    assert 'half-open: the connection is up, but the machine is gone' in found[0]
     assert 'cable' in remedies[0]
 
 
@@ -147,7 +156,7 @@ def test_nothing_is_sent_to_a_silent_robot_port(monkeypatch):
 
     monkeypatch.setattr('epson_driver.doctor.port_checks.ROBOT_PORTS', frozenset(range(65536)))
     found, _ = state_port_errors(ScriptedPorts(state=motion))
-    assert found[0].startswith('accepts, but nothing came')
+    assert found[0].startswith('accepts, but sent nothing')
     assert received == [b'']
 
 

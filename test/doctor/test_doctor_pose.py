@@ -75,10 +75,10 @@ def test_joints_that_follow_the_jog_are_ok():
 @pytest.mark.parametrize(
     ('moves', 'joint', 'message', 'remedy'),
     [
-        ({2: (2, -0.02)}, 3, 'its sign is turned', 'joint_signs: -1 for joint_3'),
-        ({1: (4, 0.02)}, 2, 'joint_2 did not move, number 5 did', 'joint_names'),
+        ({2: (2, -0.02)}, 3, 'it has the opposite sign', 'joint_signs: -1 for joint_3'),
+        ({1: (4, 0.02)}, 2, 'joint_2 did not move, but number 5 did', 'joint_names'),
         ({0: (0, 0.001)}, 1, 'no joint moved', 'jog further'),
-        ({3: ([3, 5], 0.02)}, 4, 'number 6 moved, too', 'one joint'),
+        ({3: ([3, 5], 0.02)}, 4, 'number 6 moved too', 'one joint'),
     ],
 )
 def test_wrong_joint_is_reported_with_remedy(moves, joint, message, remedy):
@@ -103,13 +103,13 @@ def shown(off_mm=0.0, turned_deg=0.0):
 @pytest.mark.parametrize(
     ('typed', 'level', 'message'),
     [
-        (shown(), Level.OK, 'as on the pendant'),
-        (shown(turned_deg=360.0), Level.OK, 'as on the pendant'),
+        (shown(), Level.OK, 'matches the pendant'),
+        (shown(turned_deg=360.0), Level.OK, 'matches the pendant'),
         (shown(off_mm=5.0), Level.WRONG, '5.0 mm'),
         (shown(turned_deg=2.0), Level.WRONG, '2.00 degrees'),
-        ('', Level.SKIPPED, 'nothing was typed'),
-        ('1 2 3', Level.WRONG, 'are not six numbers'),
-        ('1 2 3 4 5 nan', Level.WRONG, 'are not six numbers'),
+        ('', Level.SKIPPED, 'no input'),
+        ('1 2 3', Level.WRONG, 'must be six numbers'),
+        ('1 2 3 4 5 nan', Level.WRONG, 'must be six numbers'),
     ],
 )
 def test_tool0_is_compared_with_the_pendant(typed, level, message):
@@ -127,4 +127,4 @@ def test_missing_or_non_finite_joints_are_errors(joints):
     found = [*checked(arm, check_joints).values(), *checked(arm, check_tool).values()]
     assert len(found) == 7
     assert {each.level for each in found} == {Level.WRONG}
-    assert {each.found for each in found} == {'no joint states came that are numbers'}
+    assert {each.found for each in found} == {'no joint states with finite numbers received'}

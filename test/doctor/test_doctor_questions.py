@@ -151,16 +151,21 @@ def found(findings, level):
 @pytest.mark.parametrize(
     ('talk', 'level', 'about', 'text'),
     [
-        (sends(JOINTS), Level.WRONG, 'STATUS', 'none came'),
+        (sends(JOINTS), Level.WRONG, 'STATUS', 'none received'),
         (sends(OFF), Level.WRONG, 'joint states', '0 in 1.0 s'),
         (sends(JOINTS, OFF, times=1), Level.WRONG, 'joint states', '1 in 1.0 s'),
-        (sends(JOINTS, JOINTS, times=1), Level.WRONG, 'joint states', '2 in 1.0 s, all at once'),
+        (
+            sends(JOINTS, JOINTS, times=1),
+            Level.WRONG,
+            'joint states',
+            '2 in 1.0 s, all simultaneously',
+        ),
         (sends(JOINTS, OFF, period=0.5), Level.WRONG, 'joint states', 'longest gap 500 ms'),
         (
             sends(JointPosition(0, joint_data([float('nan')] * 6)), OFF),
             Level.WRONG,
             'joints',
-            'are not all numbers',
+            'must be finite numbers',
         ),
         (
             sends(JointPosition(0, joint_data([0.0, 90.0])), OFF),
@@ -230,9 +235,9 @@ def test_clock_set_during_the_check_is_noted(monkeypatch):
 @pytest.mark.parametrize(
     ('messages', 'why'),
     [
-        ([JOINTS], 'no STATUS came'),
-        ([JOINTS, dataclasses.replace(OFF, in_motion=1)], 'the arm moves'),
-        ([JOINTS, dataclasses.replace(OFF, drives_powered=-1)], 'or nobody knows'),
+        ([JOINTS], 'no STATUS received'),
+        ([JOINTS, dataclasses.replace(OFF, in_motion=1)], 'the arm is moving'),
+        ([JOINTS, dataclasses.replace(OFF, drives_powered=-1)], 'the motors are on or unknown'),
     ],
 )
 def test_ports_are_not_opened_with_motors_possibly_on(messages, why):
@@ -259,7 +264,7 @@ def stop_only(message):
     [
         (None, Level.WRONG, 'refused'),
         (silent, Level.WRONG, 'no reply to a STOP within 5 s'),
-        (disconnects, Level.NOTE, 'closed by the controller as soon as it was open'),
+        (disconnects, Level.NOTE, 'closed by the controller immediately'),
     ],
     ids=['refused', 'silent', 'disconnects, perhaps because the driver is connected'],
 )
@@ -297,7 +302,10 @@ def test_motion_port_that_serves_one_client_once_is_reported():
 
     scripted._talks['motion'] = once
     facts, findings = examined(scripted, may_ask=True)
-    assert found(findings, Level.WRONG)['motion port'] == 'serves nobody after its client has left'
+    assert (
+        found(findings, Level.WRONG)['motion port']
+        == 'does not accept a new client after the last one disconnects'
+    )
     assert facts['program.reply'] == 'sequence'
     # the point had no reply either: the tasks may be paused
     assert 'program.special_sequences' not in facts
@@ -346,7 +354,7 @@ def refused(message):
         (None, 'refused'),
         (silent, 'IO_INFO: no answer within 5 s'),
         (disconnects, 'IO_INFO: closed by the controller'),
-        (answers(refused), 'IO_INFO: refused: its task does not run'),
+        (answers(refused), 'IO_INFO: refused: its task is not running'),
     ],
     ids=['closed', 'silent', 'disconnects', 'refuses'],
 )
@@ -371,7 +379,7 @@ def answers_once(line):
     ('talk', 'text', 'remedy'),
     [
         (answers_once(b'!Login,10\r\n'), 'Login: ', 'password'),
-        (answers_once(b'what?\r\n'), "'what?' is no answer to Login", 'remote_port 0'),
+        (answers_once(b'what?\r\n'), "'what?' is not a reply to Login", 'remote_port 0'),
         (silent, 'no answer within 5 s', 'remote_port 0'),
         (None, 'refused', 'remote_port 0'),
     ],

@@ -59,12 +59,12 @@ async def test_enable_with_motors_on_needs_no_remote_port():
 @pytest.mark.invariant(10)
 async def test_inv10_second_driver_with_the_same_names_stops_and_prevents_enable():
     async with cell() as (harness, _):
-        driver, refused = harness.driver, 'a second driver has its names: the other; RENAME'
+        driver, refused = harness.driver, 'a second driver uses its names: the other; RENAME'
         goal = harness.submit(pose(0.5), step=5.0)
         await harness.until_moving()
         driver.namesakes = lambda: 'the other'
         driver.look_for_namesakes()
-        assert 'a second driver has its names' in (await goal.end()).text
+        assert 'a second driver uses its names' in (await goal.end()).text
         assert await driver.stopper.wait(1.0)
         assert await harness.rests()
         assert await rejection(harness.commands.enable()) == refused
@@ -221,7 +221,7 @@ async def test_enable_without_a_status_is_refused(monkeypatch):
 async def test_stop_without_a_goal_is_acknowledged_by_the_controller():
     async with cell() as (harness, _):
         text = await harness.commands.stop()
-        assert text == 'no motion was running; the controller acknowledged STOP'
+        assert text == 'no motion was running, the controller acknowledged STOP'
         assert harness.gate is None
 
 
@@ -231,7 +231,7 @@ async def test_inv3_stop_ends_the_goal_at_rest_and_the_next_goal_succeeds():
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
         text = await harness.commands.stop()
-        assert 'stopped on request; the arm stands' in text
+        assert 'stopped on request, the arm is at rest' in text
         assert goal.outcome.end is End.ABORTED
         assert goal.outcome.text in text
         assert await harness.rests()
@@ -291,7 +291,7 @@ async def test_disable_stops_the_arm_then_switches_the_motors_off():
         await harness.until_moving()
         text = await harness.commands.disable()
         assert 'motors are off' in text
-        assert goal.outcome.text == 'disabled on request; the arm stands'
+        assert goal.outcome.text == 'disabled on request, the arm is at rest'
         await until(lambda: controller.status().drives_powered == 0)
         assert harness.gate == 'disabled on request'
         refused = harness.submit(pose(0.5))
@@ -316,7 +316,7 @@ async def test_disable_without_a_remote_port_reports_motors_unchanged():
         controller.apply(Event.MOTORS_ON)
         await until(lambda: harness.driver.robot.status.drives_powered == 1)
         await harness.commands.enable()
-        assert 'motors were left as they are' in await harness.commands.disable()
+        assert 'the motors are unchanged' in await harness.commands.disable()
         assert harness.gate == 'disabled on request'
         assert controller.status().drives_powered == 1
 
@@ -344,7 +344,7 @@ async def test_reset_without_a_new_status_fails(monkeypatch):
         controller.faults.start(parse('cut port=state for=5'))
         await until(lambda: harness.driver.robot.status is None)
         text = await rejection(harness.commands.reset_error())
-        assert 'took the reset, but no STATUS shows' in text
+        assert 'accepted the reset, but STATUS still shows' in text
 
 
 async def test_reset_error_while_the_estop_is_pressed_is_refused():

@@ -79,7 +79,7 @@ async def test_inv2_goal_is_refused_while_the_arm_brakes():
         early = harness.submit(start=harness.at)
         assert lost.outcome.end is End.ABORTED
         assert early.outcome.code is ErrorCode.INVALID_GOAL
-        assert 'the arm moves (joint_1 at' in early.outcome.text
+        assert 'the arm is moving (joint_1 at' in early.outcome.text
         await until(lambda: not harness.driver.robot.sample.velocities.any())
         assert (await harness.submit(pose(0.1), start=harness.at).end()).end is End.SUCCEEDED
 
@@ -95,7 +95,7 @@ async def test_inv3_replaced_goal_ends_after_the_arm_rests():
         await until(lambda: first.outcomes)
         assert not controller.moving or second.handle.execution is not None
         assert first.outcome.end is End.ABORTED
-        assert first.outcome.text == 'replaced by a new goal; the arm stands'
+        assert first.outcome.text == 'replaced by a new goal, the arm is at rest'
         await second.end()
         assert first.ended_at <= second.ended_at
         assert await harness.rests()
@@ -148,7 +148,7 @@ async def test_replacement_is_refused_if_stop_is_unanswered():
         await first.end()
         assert 'standstill' in first.outcome.text
         assert second.outcome.end is End.ABORTED
-        assert 'did not bring the arm to rest' in second.outcome.text
+        assert 'did not stop the arm' in second.outcome.text
         await harness.commands.disable()
         assert set(scripted.received) == {0, -4}
         assert scripted.received.count(0) == 1
@@ -450,7 +450,7 @@ async def test_inv3_shutdown_brings_the_arm_to_rest_and_ends_the_goal():
         goal = harness.submit(pose(0.5), step=8.0)
         await harness.until_moving()
         await harness.driver.shut_down()
-        assert goal.outcome.text == 'the driver was shut down; the arm stands'
+        assert goal.outcome.text == 'the driver was shut down, the arm is at rest'
         assert not controller.moving
         assert 'shut' in harness.gate
         assert 'shut' in harness.submit(pose(0.1)).outcome.text
@@ -562,3 +562,26 @@ def test_driver_log_lines_name_their_node(make_node, capfd):
     output = capfd.readouterr().err
     assert '[right.arm]: motion link connected' in output
     assert '[right.arm]: arm disabled' not in output
+
+
+async def test_estop_door_and_reset_of_a_disabled_arm_are_logged_once(caplog):
+    async with cell(enabled=False) as (harness, controller):
+        controller.apply(Event.MOTORS_ON)
+        await until(lambda: harness.driver.robot.status.motion_possible == 1)
+        with caplog.at_level(logging.INFO, 'epson_driver.driver.driver'):
+            controller.apply(Event.DOOR_OPEN)
+            await until(lambda: harness.driver.robot.status.drives_powered == 0)
+            controller.apply(Event.DOOR_CLOSE)
+            controller.apply(Event.ESTOP_PRESS)
+            await until(lambda: harness.driver.robot.status.e_stopped == 1)
+            controller.apply(Event.ESTOP_RELEASE)
+            controller.apply(Event.RESET)
+            await until(lambda: harness.driver.robot.status.e_stopped == 0)
+        lines = [
+            record.getMessage() for record in caplog.records if record.name.endswith('driver')
+        ]
+    assert [line.partition(' is ')[0] for line in lines] == [
+        'the motors are off',
+        'the E-stop',
+        'cleared: the E-stop',
+    ]

@@ -74,7 +74,7 @@ async def test_running_goal_is_stopped_for_a_later_start():
         await harness.until_moving()
         second = harness.submit(pose(0.0), step=2.0, ahead=AHEAD_S)
         outcome = await first.end()
-        assert outcome.text == 'replaced by a new goal; the arm stands'
+        assert outcome.text == 'replaced by a new goal, the arm is at rest'
         assert await harness.rests()
         assert (await second.end()).end is End.SUCCEEDED
 

@@ -39,7 +39,7 @@ BRAKING = 0.35
 LATER = 1.05
 """Maximum time to the stop of simulated controllers, in timeouts."""
 
-HUNG = 'this driver hung for [0-9.]+ s: the controller waits (1|0.5) s for it'
+HUNG = 'this driver was stalled for [0-9.]+ s, the controller waits (1|0.5) s'
 """Text of goal and gate, although the controller reports the timeout on both of its ports."""
 
 KINDS = {
@@ -210,7 +210,7 @@ async def test_stall_ends_the_goal_only_from_the_timeout_on(kind, share, ends):
 
 
 @pytest.mark.parametrize(
-    ('share', 'cause'), [(0.1, 'the driver or the network was held up'), (0.6, HUNG)]
+    ('share', 'cause'), [(0.1, 'the driver or the network was delayed'), (0.6, HUNG)]
 )
 async def test_timeout_reported_by_the_controller_names_a_detected_stall(share, cause):
     async with cell('smooth') as (harness, controller, _):

@@ -144,7 +144,7 @@ class CutCell:
         assert outcome.end is End.ABORTED
         assert outcome.code is ErrorCode.PATH_TOLERANCE_VIOLATED
         assert 'link was lost' in outcome.text
-        assert 'on the way to point' in outcome.text
+        assert 'moving to point' in outcome.text
         return 'aborted: ' + outcome.text.split(' was lost')[0]
 
     async def returned(self, names):

@@ -398,7 +398,7 @@ async def test_random_pauses_end_in_one_success():
     ('name', 'reason'),
     [
         ('abb', 'the controller has all points of a download'),
-        ('remote', 'by Remote Ethernet alone'),
+        ('remote', 'over Remote Ethernet alone'),
     ],
 )
 async def test_refused_pause_states_its_reason_and_the_motion_continues(name, reason):

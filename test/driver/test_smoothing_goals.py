@@ -90,7 +90,7 @@ async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
         await until(lambda: slow)
         harness.driver.goal_queue.cancel(goal.handle)
         outcome = await goal.end()
-        assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled; the arm stands')
+        assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled, the arm is at rest')
         assert not harness.at.any()
         await until(lambda: slow[0].returncode is not None)
         assert slow[0].returncode == -signal.SIGKILL
@@ -104,7 +104,7 @@ async def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
         await until(lambda: slow)
         text = await harness.commands.stop()
         assert goal.outcome.end is End.ABORTED
-        assert goal.outcome.text == 'stopped on request; the arm stands'
+        assert goal.outcome.text == 'stopped on request, the arm is at rest'
         assert goal.outcome.text in text
 
 
@@ -140,7 +140,7 @@ async def test_inv5_new_goal_while_planning_replaces_the_first():
         second = harness.submit(pose(0.1))
         assert first.handle.execution.state.value == 'stopping'
         assert (await second.end()).end is End.SUCCEEDED
-        assert first.outcome.text == 'replaced by a new goal; the arm stands'
+        assert first.outcome.text == 'replaced by a new goal, the arm is at rest'
         assert np.abs(harness.at - pose(0.1)).max() < 1e-6
 
 

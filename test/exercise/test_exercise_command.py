@@ -51,10 +51,10 @@ def called(monkeypatch, capsys):
     [
         (
             {'code': None, 'said': 'waiting'},
-            'it did not end within 60 s (--timeout); last said',
+            'still running after 60 s (--timeout), last line',
         ),
-        ({'code': 3, 'said': ''}, 'exit code 3; last said: -'),
-        ({'moved': False}, 'it ended without having moved the arm'),
+        ({'code': 3, 'said': ''}, 'exit code 3, last line: -'),
+        ({'moved': False}, 'it ended without moving the arm'),
     ],
 )
 def test_program_that_fails_without_a_fault_is_not_judged(called, changes, reason):
@@ -66,7 +66,7 @@ def test_program_that_fails_without_a_fault_is_not_judged(called, changes, reaso
 
     code, output = called(case)
     assert code == 2
-    assert f'without a fault it must finish: {reason}' in ' '.join(output.split())
+    assert f'failed without a fault: {reason}' in ' '.join(output.split())
     assert len(asked) == 1
 
 
@@ -142,7 +142,7 @@ def empty_cell(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_cell_without_processes_has_no_positions(empty_cell):
     assert not empty_cell.observer.wait_for_state(0.1)
-    with pytest.raises(RunError, match='has not said yet where the joints are'):
+    with pytest.raises(RunError, match='no joint positions received yet'):
         _ = empty_cell.positions
     with pytest.raises(RunError, match='~/enable: no service /epson_driver/enable'):
         empty_cell.enable()

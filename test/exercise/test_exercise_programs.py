@@ -88,12 +88,12 @@ def test_repeated_motion_after_a_lost_reply_is_reported(tmp_path):
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        ((), 'which program?'),
+        ((), 'COMMAND is missing'),
         (('--', 'no-such-program'), 'no such program'),
         (('--fault', 'flood', '--', 'true'), 'invalid choice'),
         (('--controller', 'mars', '--', 'true'), 'no mars'),
         (('--timeout', '0', '--', 'true'), 'must be a number from 1 to 3600'),
-        (('--keep', str(PROGRAMS), '--', 'true'), 'is there already'),
+        (('--keep', str(PROGRAMS), '--', 'true'), 'must be a new folder'),
     ],
 )
 def test_invalid_argument_of_exercise_is_reported(monkeypatch, capsys, words, message):

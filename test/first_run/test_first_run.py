@@ -243,22 +243,22 @@ HABITS = [
     (
         ['pendant'],
         {'between': (joints_as(third_turned), joints_as(third_turned))},
-        'the sign of joint_3 is turned',
+        'joint_3 has the opposite sign',
     ),
     (['questions'], {'faults': ['delay:seconds=0.1,port=motion']}, 'replies come 100 ms late'),
-    (['questions'], {'faults': ['lost_reply:count=1,skip=5']}, '1 of 5 requests had no answer'),
+    (['questions'], {'faults': ['lost_reply:count=1,skip=5']}, '1 of 5 requests had no reply'),
     (['E-stop'], {'between': (other_number,)}, 'error number 7777 is not in the table'),
     (
         ['points'],
         {'profile': changed(motion={'look_ahead_points': 5})},
         'motion.look_ahead_points is 5',
     ),
-    (['points'], {'smooth': False}, 'the arm rests at points'),
+    (['points'], {'smooth': False}, 'the arm stops at points'),
     (['STOP'], {'between': (stop_confirmed, stop_lost)}, 'a STOP does not stop the arm'),
     (
         ['cable'],
         {'profile': changed(server={'lost_client': 'finish'})},
-        'the arm goes on to its point',
+        'the arm continues to its point',
     ),
 ]
 """Peculiarities: the step that detects each, the controller, and its text."""
@@ -392,7 +392,7 @@ def test_step_without_a_controller_fails_with_the_reason(tmp_path):
 def test_file_of_another_program_is_refused(tmp_path, text):
     path = tmp_path / 'x.html'
     path.write_text(text)
-    with pytest.raises(InputError, match=r'x\.html: is no file of first-run: '):
+    with pytest.raises(InputError, match=r'x\.html: is not a first-run file: '):
         load(path)
 
 
@@ -411,7 +411,7 @@ def test_texts_are_escaped_on_the_page(tmp_path):
     book.entries[evil].trace = f'"{evil}'
     book.save(path)
     assert '<img' not in path.read_text()
-    with pytest.raises(InputError, match='is no file of first-run: '):
+    with pytest.raises(InputError, match='is not a first-run file: '):
         load(path)
 
 

@@ -85,7 +85,7 @@ def test_link_to_an_invalid_host_is_refused() -> None:
     [[], 'ab', [''], ['a', 'a'], ['a.b'], ['a b'], ['1'], ['a\n'], ['ä'], ['x' * 101], [1], None],
 )
 def test_invalid_joint_names_are_refused(names: Any) -> None:
-    with pytest.raises(InputError, match=r'^x = .*: must be a list of names that differ'):
+    with pytest.raises(InputError, match=r'^x = .*: must be a list of unique names'):
         JOINT_NAMES.checked(names, 'x')
 
 
@@ -175,7 +175,7 @@ def test_yaml_value_is_read(text: str, value: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('content', 'sentence'),
     [
-        ('a: 1\nb: 2\na: 3', "line 3: 'a' is there twice"),
+        ('a: 1\nb: 2\na: 3', "line 3: 'a' occurs twice"),
         ('a: &x 1\nb: *x', 'line 2: *x: aliases are not supported'),
         ('a: !!python/object:os.system x', "line 1: 'tag:yaml.org,2002:python/object:os.system'"),
         ('a:\n  !!timestamp 2026-99-99', "line 2: 'tag:yaml.org,2002:timestamp': tags are not"),
@@ -184,12 +184,12 @@ def test_yaml_value_is_read(text: str, value: Any, tmp_path: Path) -> None:
         ('- ' * 100_000, 'line 1: nested more than 20 levels deep'),
         ('? [1]\n: 2', 'line 1: a mapping or a list cannot be a key'),
         ('a: ' + '9' * 5000, 'has too many digits for a number'),
-        ('a: 1\n--- 2', 'line 2: a second document begins: there must be one'),
+        ('a: 1\n--- 2', 'line 2: it must contain one document'),
         ('a: [1', 'not YAML: line 2, column 1: did not find'),
         ('a:\n\t- x', 'not YAML: line 2, column 1: found character that cannot start'),
         ('"\0"', 'not YAML: unacceptable character #x0000'),
-        (b'a: 1\nb: \xff', 'not YAML: line 2 is no UTF-8 text'),
-        (b'\xff\xfea\0', 'not YAML: line 1 is no UTF-8 text'),
+        (b'a: 1\nb: \xff', 'not YAML: line 2 is not UTF-8 text'),
+        (b'\xff\xfea\0', 'not YAML: line 1 is not UTF-8 text'),
         (os.urandom(10) + b'\xff' + bytes(1000), 'not YAML: '),
         ('x' * 1_000_001, 'is larger than 1 MB'),
     ],

@@ -144,7 +144,7 @@ def test_arguments_are_passed_to_the_client(name: str, tmp_path: Path) -> None:
     [
         ({'motion_port': 'eleven'}, "motion_port = 'eleven': must be a whole number from 0"),
         ({'robot_model': 'c5'}, 'no robot model c5'),
-        ({'params_file': '/no/such.yaml'}, 'params_file = /no/such.yaml: there is no such file'),
+        ({'params_file': '/no/such.yaml'}, 'params_file = /no/such.yaml: no such file'),
         ({'ros2_control': 'true', 'interface': 'download'}, 'interface = download'),
         ({'description': 'true', 'parent': 'x', 'origin_xyz': '1 2'}, 'must be three numbers'),
     ],
@@ -234,7 +234,7 @@ def test_each_of_several_robots_has_separate_nodes() -> None:
         assert f'<joint name="{joint}"' in publisher.values['robot_description']
     with pytest.raises(BringupError, match='motion_port has 3 values, but namespaces has 2 names'):
         launched('several_robots', motion_port='1,2,3')
-    with pytest.raises(RuntimeError, match='each must have a name, and no two the same'):
+    with pytest.raises(RuntimeError, match='must be unique, non-empty names'):
         launched('several_robots', namespaces='a,a')
 
 
@@ -261,7 +261,7 @@ def test_fleet_starts_the_robots_of_its_file(tmp_path: Path) -> None:
     assert (words['--host'], words['--robot']) == ('192.168.0.2', 'gx4_c251s')
     (only,) = nodes(launched('fleet', params_file=str(file), robots='robot_2'), 'client')
     assert only.namespace == 'robot_2'
-    with pytest.raises(BringupError, match='robots: there is no robot_3 in'):
+    with pytest.raises(BringupError, match='robots: no robot_3 in'):
         launched('fleet', params_file=str(file), robots='robot_3')
 
 
@@ -282,7 +282,7 @@ def test_arguments_override_the_params_file(node: str, tmp_path: Path) -> None:
     started = launched('simulation', robot_model='c4_a601s', **given)
     assert the_client(started).values['robot_model'] == 'c4_a601s'
     file.write_text('epson_drivr:\n  ros__parameters: {robot_ip: 127.0.0.7}\n')
-    with pytest.raises(BringupError, match=r'the node /cell/epson_driver; .*drivr'):
+    with pytest.raises(BringupError, match=r'the node /cell/epson_driver, .*drivr'):
         launched('simulation', **given)
 
 

@@ -68,7 +68,7 @@ async def test_refusal_of_a_second_client_is_logged_once(caplog, monkeypatch):
     reports = LinkReports(link, 'simulated, c3_a601s')
     task = asyncio.create_task(link.run())
     await until(lambda: accepted >= MAX_SHORT + 2)
-    assert len([line for line in caplog.messages if 'serves one client' in line]) == 1
+    assert len([line for line in caplog.messages if 'another client is connected' in line]) == 1
     count = len(caplog.messages)
     await until(lambda: accepted >= MAX_SHORT + 3)
     assert len(caplog.messages) == count

@@ -153,8 +153,8 @@ async def test_inv9_unanswered_aborted_statement_ends_the_connection():
         there.link.move(MOVE, there.answers.append)
         there.link.abort(there.answers.append)
         await until(lambda: peer.connections == 2)
-    assert 'the aborted command is not answered' in there.reason()
-    assert 'goes on to the end of the command' in there.reason()
+    assert 'no reply to the aborted command' in there.reason()
+    assert 'continues to the end of its command' in there.reason()
 
 
 @pytest.mark.parametrize(
@@ -162,13 +162,13 @@ async def test_inv9_unanswered_aborted_statement_ends_the_connection():
     [
         ({'Login': '!Login,13'}, 'Login: the password is wrong (error 13)'),
         ({'Login': '!Login,11'}, 'error 11'),
-        ({'GetStatus': '#GetStatus,hello'}, "'hello' is no status"),
+        ({'GetStatus': '#GetStatus,hello'}, "'hello' is not a status"),
         ({'GetStatus': '!GetStatus,20'}, 'error 20'),
-        ({'Execute': '#Execute,"1 2 3"'}, 'is no answer to Execute'),
-        ({'Execute': '#Execute,"a b c d e f g"'}, 'is no answer to Execute'),
-        ({'GetStatus': '#GetIO,1'}, "'#GetIO,1' is no answer to what was asked"),
-        ({'GetStatus': 'hello'}, "'hello' is no answer to what was asked"),
-        ({'GetStatus': '!GetStatus,' + '9' * 5000}, 'is no answer to what was asked'),
+        ({'Execute': '#Execute,"1 2 3"'}, 'is not a reply to Execute'),
+        ({'Execute': '#Execute,"a b c d e f g"'}, 'is not a reply to Execute'),
+        ({'GetStatus': '#GetIO,1'}, "'#GetIO,1' is not a reply to the request"),
+        ({'GetStatus': 'hello'}, "'hello' is not a reply to the request"),
+        ({'GetStatus': '!GetStatus,' + '9' * 5000}, 'is not a reply to the request'),
         ({'GetStatus': 'x' * 10_000}, 'a line has at most'),
         ({'GetStatus': None}, 'silent for 1 s'),
         ({'Login': None}, 'silent for 1 s'),
@@ -191,7 +191,7 @@ async def test_connection_closed_at_login_reports_another_client():
     server = await asyncio.start_server(close, '127.0.0.1', 0)
     async with server, Linked(server.sockets[0].getsockname()[1]) as there:
         await until(lambda: len(there.states) > 3)
-    assert 'it serves one client of Remote Ethernet and has one' in there.reason()
+    assert 'another Remote Ethernet client is connected' in there.reason()
     assert not any(state == 'connected' for state, _ in there.states)
 
 

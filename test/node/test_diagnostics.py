@@ -129,7 +129,7 @@ def test_controller_error_is_shown_with_number_text_and_advice(harness, diagnost
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (
         ERROR,
-        'the controller is in error 4001 (the arm would leave its motion range; not confirmed)',
+        'the controller is in error 4001 (the arm would leave its motion range, not confirmed)',
     )
     assert values(arm)['error code'] == '4001'
     assert values(arm)['error'] == 'the arm would leave its motion range'

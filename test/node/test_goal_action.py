@@ -26,8 +26,8 @@ CODE = ErrorCode.SUCCESSFUL
             'goal succeeded: at the goal after 1.00 s',
         ),
         (
-            Outcome(End.CANCELED, CODE, 'canceled; the arm stands'),
-            'goal canceled; the arm stands',
+            Outcome(End.CANCELED, CODE, 'canceled, the arm is at rest'),
+            'goal canceled, the arm is at rest',
         ),
         (CANCELED, 'goal canceled before it could start'),
         (

@@ -214,7 +214,7 @@ CASES = [
             ('velocity', joint_2_to(0.5), tolerated(field, 'velocity', 0.5)),
             ('velocity', joint_2_to(NAN), f'{field}, joint_2: velocity = nan is not finite'),
             ('acceleration', joint_2_to(-1.0), no_effect),
-            ('acceleration', joint_2_to(0.5), 'acceleration = 0.5 cannot be checked'),
+            ('acceleration', joint_2_to(0.5), 'acceleration = 0.5 must be 0'),
         )
     ],
     (turned, 'goal_time_tolerance', set_to(seconds(2.5, Duration)), read('goal_time', 2.5)),
@@ -261,7 +261,7 @@ CASES = [
         sequence,
         'trajectory.motions.additional_arguments.argument_name',
         argument('force', 0.5),
-        "no 'force'; must be one of velocity, acceleration, move_time",
+        "unknown name 'force', must be one of velocity, acceleration, move_time",
     ),
     (
         sequence,

@@ -216,7 +216,7 @@ async def test_cancel_brakes_on_the_path_without_a_jump(monkeypatch):
     front.goals.cancel(sent.goal)
     outcome = await sent.ended
     assert outcome.end is End.CANCELED
-    assert outcome.text == 'canceled; it braked; the arm stands'
+    assert outcome.text == 'canceled, it braked, the arm is at rest'
     assert np.abs(front.behind.commanded()[0] - FAR).max() > 0.1
     assert (len(front.behind.taken), front.behind.canceled) == (2, 0)
 
@@ -229,7 +229,7 @@ async def test_newer_goal_starts_after_braking(monkeypatch):
     second = await front.goal((3.0, START))
     outcome = await first.ended
     assert outcome.end is End.ABORTED
-    assert outcome.text == 'replaced by a newer goal; it braked; the arm stands'
+    assert outcome.text == 'replaced by a newer goal, it braked, the arm is at rest'
     assert await second.ended == SUCCEEDED
     assert np.abs(front.behind.commanded()[0] - START).max() < 1e-9
 
@@ -238,12 +238,12 @@ async def test_newer_goal_starts_after_braking(monkeypatch):
 @pytest.mark.parametrize(
     ('parameters', 'behind', 'ending'),
     [
-        ({'stops': 'cancel'}, {}, 'stopped it; the arm stands'),
-        ({}, {'keeps_stamps': False}, 'stopped it; the arm stands'),
-        ({}, {'tells': False}, 'stopped it; the arm stands'),
-        ({}, {'refuses': ['no stop']}, 'stopped it; the arm stands'),
-        ({}, {'scaling': 0.5}, 'stopped it; the arm stands'),
-        ({}, {'cancels': False, 'tells': False}, 'DID NOT ANSWER THE CANCEL; the arm stands'),
+        ({'stops': 'cancel'}, {}, 'stopped it, the arm is at rest'),
+        ({}, {'keeps_stamps': False}, 'stopped it, the arm is at rest'),
+        ({}, {'tells': False}, 'stopped it, the arm is at rest'),
+        ({}, {'refuses': ['no stop']}, 'stopped it, the arm is at rest'),
+        ({}, {'scaling': 0.5}, 'stopped it, the arm is at rest'),
+        ({}, {'cancels': False, 'tells': False}, 'DID NOT ANSWER THE CANCEL, the arm is at rest'),
     ],
 )
 async def test_goal_is_canceled_downstream_if_braking_is_impossible(
@@ -258,7 +258,7 @@ async def test_goal_is_canceled_downstream_if_braking_is_impossible(
     front.goals.cancel(sent.goal)
     outcome = await sent.ended
     assert outcome.end is End.CANCELED
-    assert outcome.text == f'canceled; {front.behind.name} {ending}'
+    assert outcome.text == f'canceled, {front.behind.name} {ending}'
     assert front.behind.canceled == 1
     assert any('was not smooth' in text for text in front.logged)
 
@@ -269,13 +269,13 @@ async def test_arm_with_unknown_state_is_stopped(monkeypatch):
     sent = await front.goal((0.0, START), (6.0, FAR))
     await front.until_moving()
     front.behind.silent = 'joint_1 is unknown'
-    assert 'joint_1 is unknown; it braked' in (await sent.ended).text
+    assert 'joint_1 is unknown, it braked' in (await sent.ended).text
     front.behind.silent = None
     again = await front.goal((6.0, FAR))
     await front.until_moving()
     front.behind.there = front.behind.tells = False
     await asyncio.sleep(1.0)
-    assert 'is not served any more; nothing can be sent to its driver' in (await again.ended).text
+    assert 'has no server any more, its driver is not reachable' in (await again.ended).text
 
 
 @pytest.mark.invariant(4, 5)
@@ -306,7 +306,7 @@ async def test_cancel_near_the_end_lets_the_goal_finish(monkeypatch):
     spline = front.behind.spline
     await until(lambda: now() - front.behind.begin > spline.times[-1] - 0.08)
     front.goals.cancel(sent.goal)
-    assert (await sent.ended).text == 'canceled; it had come to its end; the arm stands'
+    assert (await sent.ended).text == 'canceled, it had ended, the arm is at rest'
 
 
 @pytest.mark.invariant(1, 5)
@@ -316,12 +316,12 @@ async def test_invalid_goal_is_rejected_and_moves_nothing(monkeypatch):
     assert 'joint_6' in await front.refused((0.0, elsewhere), (1.0, FAR))
     assert 'joint_1' in await front.refused((1.0, [50.0, *START[1:]]))
     short = Duration(nanosec=1)
-    assert 'inside the limits it takes' in await front.refused(
+    assert 'within the limits it takes' in await front.refused(
         (0.0, START), (0.05, FAR), goal_time_tolerance=short
     )
     front.behind.silent = 'joint_1 is unknown'
     reason = await front.refused((1.0, FAR))
-    assert reason == 'joint_1 is unknown: a goal begins where the arm stands'
+    assert reason == 'joint_1 is unknown: a goal must start with the arm at rest'
     front.behind.silent = None
     monkeypatch.setattr(front.behind, 'commanded', lambda: (np.array(START), np.full(6, 0.5)))
     assert 'joint_1 moves at 0.5 /s' in await front.refused((1.0, FAR))
@@ -329,7 +329,7 @@ async def test_invalid_goal_is_rejected_and_moves_nothing(monkeypatch):
 
 async def test_limits_come_from_robot_description_and_missing_ones_are_assumed(monkeypatch):
     front = Front(monkeypatch, limits_file='')
-    assert 'joint_1: no position min limit is known' in await front.refused((1.0, FAR))
+    assert 'joint_1: no position min limit: ' in await front.refused((1.0, FAR))
     front.describe(SimpleNamespace(data='<robot'))
     assert any('robot_description is not used' in text for text in front.logged)
     joint = '<joint name="{}" type="revolute"><parent link="a"/><child link="b"/>' + (
@@ -338,7 +338,7 @@ async def test_limits_come_from_robot_description_and_missing_ones_are_assumed(m
     whole = f'<robot>{"".join(map(joint.format, NAMES))}</robot>'
     front.describe(SimpleNamespace(data=whole))
     assert await (await front.goal((0.0, START), (3.0, FAR))).ended == SUCCEEDED
-    assert sum('no limit is known, and assumed is' in text for text in front.logged) == 12
+    assert sum('unknown limit, assuming' in text for text in front.logged) == 12
 
 
 @pytest.mark.invariant(2, 10)
@@ -373,7 +373,7 @@ async def test_shutdown_brakes_the_goal_and_rejects_new_ones(monkeypatch):
     sent = await front.goal((0.0, START), (6.0, FAR))
     await front.until_moving()
     await front.goals.shut_down()
-    assert (await sent.ended).text == 'smooth_goals ends; it braked; the arm stands'
+    assert (await sent.ended).text == 'smooth_goals ends, it braked, the arm is at rest'
     assert (await (await front.goal((1.0, START))).ended).text == 'smooth_goals ends'
     front.goals.end()
     assert front.failures == ['ended']
@@ -429,10 +429,10 @@ def client(monkeypatch, *, ready=True, services=(QUERY,), **requests):
 async def test_missing_server_and_rejection_are_reported(monkeypatch):
     assert client(monkeypatch).keeps_stamps
     assert not client(monkeypatch, services=()).keeps_stamps
-    with pytest.raises(GoalRejectedError, match='nobody serves the action /jtc/follow'):
+    with pytest.raises(GoalRejectedError, match='no server for the action /jtc/follow'):
         await client(monkeypatch, ready=False).send(None, None, 1.0)
     no = Answer(SimpleNamespace(accepted=False))
-    with pytest.raises(GoalRejectedError, match='refused the smooth trajectory'):
+    with pytest.raises(GoalRejectedError, match='rejected the smooth trajectory'):
         await client(monkeypatch, send_goal_async=lambda *_: no).send(None, None, 1.0)
     broken = client(monkeypatch, send_goal_async=lambda *_: Answer(error=OSError('x')))
     with pytest.raises(OSError, match='x'):
@@ -445,7 +445,7 @@ async def test_goal_accepted_too_late_is_canceled(monkeypatch, caplog):
     waiting, canceled = [], []
     late = SimpleNamespace(add_done_callback=waiting.append)
     behind = client(monkeypatch, send_goal_async=lambda *_: late)
-    with pytest.raises(GoalRejectedError, match='did not answer within 1 s'):
+    with pytest.raises(GoalRejectedError, match='did not reply within 1 s'):
         await behind.send(None, None, 1.0)
 
     def cancel():
@@ -455,7 +455,7 @@ async def test_goal_accepted_too_late_is_canceled(monkeypatch, caplog):
     waiting[0](Answer(SimpleNamespace(accepted=True, cancel_goal_async=cancel)))
     await until(lambda: canceled)
     await asyncio.sleep(0.1)
-    assert 'took a goal too late' in caplog.text
+    assert 'accepted a goal too late' in caplog.text
 
 
 @pytest.mark.parametrize(

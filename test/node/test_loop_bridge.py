@@ -27,7 +27,7 @@ def test_failing_service_reports_the_error_and_stops_the_arm(made):
     answer = done(made.node.served['~/enable'](Trigger.Request(), Trigger.Response()))
     why = '~/enable failed: ZeroDivisionError: made for this test'
     assert not answer.success
-    assert answer.message == f'{why}; the arm is stopped and disabled; the log has more'
+    assert answer.message == f'{why}, the arm is stopped and disabled, see the log'
     made.turn()
     assert made.faults == [why]
     ((severity, text),) = made.node.log.lines
@@ -52,7 +52,7 @@ def test_replies_report_that_the_driver_has_ended(made):
     }
     assert not any(answer.success for answer in answers.values())
     assert answers['late'].message == 'the driver has ended'
-    assert answers['failing'].message.endswith('; the driver has ended')
+    assert answers['failing'].message.endswith(', the driver has ended')
     with pytest.raises(DriverEndedError):
         made.bridge.to_loop(print)
     with pytest.raises(DriverEndedError):

@@ -232,7 +232,7 @@ def test_undeclared_parameter_is_named_with_the_nearest_match(node):
             r'^parameter (\S+) is ignored: (.*)$', '\n'.join(undeclared(made)), re.MULTILINE
         )
     )
-    none = 'there is none of that name'
+    none = 'it is unknown'
     assert sentences == {
         'robot_adress': f'{none}; did you mean robot_ip?',
         'robotIP': f'{none}; did you mean robot_ip?',

@@ -54,7 +54,7 @@ class Queue:
         self.submitted.append(handle)
 
     def cancel(self, handle):
-        handle.on_end(Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled; the arm stands'))
+        handle.on_end(Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled, the arm is at rest'))
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def test_goal_canceled_during_submission_is_canceled_in_the_queue(made, action):
     made.turn()
     assert len(queue.submitted) == 1
     outcome = done(executing)
-    assert outcome.text == 'canceled; the arm stands'
+    assert outcome.text == 'canceled, the arm is at rest'
     assert handle.ended == ['canceled']
 
 
@@ -154,7 +154,7 @@ class Commands:
     async def stop(self):
         if self.error is not None:
             raise self.error
-        return 'stopped; the arm stands'
+        return 'stopped, the arm is at rest'
 
 
 @pytest.fixture
@@ -187,7 +187,7 @@ def test_invalid_trajectory_of_a_topic_is_logged(made, goals, monkeypatch):
     monkeypatch.setattr(goals.requests, 'checked_goal', lambda _: 1 // 0)
     on_trajectory(message)
     made.turn()
-    assert made.faults[0].startswith('taking a trajectory failed: ZeroDivisionError')
+    assert made.faults[0].startswith('receiving a trajectory failed: ZeroDivisionError')
 
 
 @pytest.mark.invariant(3)
@@ -198,7 +198,7 @@ def test_empty_trajectory_stops_the_arm_and_logs_the_result(made, goals, error):
     for _ in range(3):
         made.turn()
     severity, text = made.node.log.lines[-1]
-    wanted = ('info', 'stopped; the arm stands') if error is None else ('error', str(error))
+    wanted = ('info', 'stopped, the arm is at rest') if error is None else ('error', str(error))
     assert (severity, text) == (wanted[0], f'empty trajectory: {wanted[1]}')
 
 
@@ -237,7 +237,7 @@ def test_setpoint_is_accepted_or_rejected_and_an_empty_one_stops(made, monkeypat
     monkeypatch.setattr(interface, '_stop', lambda _: 1 // 0)
     made.node.taken['~/servo'](JointTrajectory(), {})
     made.turn()
-    assert made.faults[0].startswith('taking a setpoint on ~/servo failed: ZeroDivisionError')
+    assert made.faults[0].startswith('receiving a setpoint on ~/servo failed: ZeroDivisionError')
     made.end()
     jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})  # the driver has ended
 

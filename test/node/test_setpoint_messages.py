@@ -137,16 +137,19 @@ def short(message):
 @pytest.mark.parametrize(
     ('read', 'text'),
     [
-        (lambda: from_trajectory(window(3.0), NAMES, 'x', NOW), 'that is a trajectory'),
+        (lambda: from_trajectory(window(3.0), NAMES, 'x', NOW), 'Send longer trajectories'),
         (lambda: from_trajectory(window(), NAMES, 'x', NOW + 60.0), 'ended 59.9 s ago'),
-        (lambda: from_trajectory(window(), NAMES, 'x', NOW - 60.0), 'the clocks differ'),
+        (lambda: from_trajectory(window(), NAMES, 'x', NOW - 60.0), 'synchronise the clocks'),
         (lambda: from_trajectory(short(window()), NAMES, 'x', NOW), '3 values in positions'),
         (lambda: from_trajectory(stuck(window()), NAMES, 'x', NOW), 'does not increase'),
         (lambda: from_trajectory(gap(window()), NAMES, 'x', NOW), 'some of its points have no'),
         (lambda: from_trajectory(window(points=2000), NAMES, 'x', NOW), 'more than 500 points'),
         (lambda: from_trajectory(window(names='abcdex'), NAMES, 'x', NOW), "unknown joint 'x'"),
         (lambda: from_trajectory(window(names='abcdea'), NAMES, 'x', NOW), 'twice'),
-        (lambda: from_joint_state(JointState(name=['a']), NAMES, 'x'), 'lacks b, c, d, e, f'),
+        (
+            lambda: from_joint_state(JointState(name=['a']), NAMES, 'x'),
+            'joints b, c, d, e, f are missing',
+        ),
         (lambda: from_joint_state(JointState(name=list(NAMES)), NAMES, 'x'), 'neither'),
         (lambda: from_positions(Float64MultiArray(data=[0.0]), NAMES, 'x'), '1 values in data'),
         (lambda: from_velocities(Float64MultiArray(), NAMES, 'x'), 'neither'),

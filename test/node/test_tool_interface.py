@@ -77,7 +77,7 @@ def test_link_name_of_the_urdf_is_rejected_as_tool_name(model: str) -> None:
     names = {str(link.get('name')) for link in root.iter('link')}
     assert links(known) == names | {'world'}
     for name in links(known):
-        with pytest.raises(ValueError, match='a frame of that name'):
+        with pytest.raises(ValueError, match='must not be the name of a frame'):
             named_tool(known, GOOD, name)
 
 

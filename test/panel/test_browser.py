@@ -181,7 +181,7 @@ def test_frozen_window_stops_the_arm_within_2_s(
             end = cell.peer.wait_until_still()
         moved = [s for s in cell.peer.joint_states if list(s.position) != end.tolist()]
         assert stamp(moved[-1]) - start < 2.0
-        page.wait_for_text('log', 'the armed window is frozen, hidden or cut off')
+        page.wait_for_text('log', 'the armed window is frozen, hidden or disconnected')
 
 
 @pytest.mark.invariant(3)
@@ -196,8 +196,8 @@ def test_undelivered_stop_shows_a_large_red_alarm(
         page = Page(browser, default_timeouts.address)
         before = page.page.locator('#stop').bounding_box()
         for silent, place, why in (
-            (cell.client, '#alarm', 'the driver has not answered for 0.5 s'),
-            (default_timeouts.process, '#silence span', 'the panel did not answer'),
+            (cell.client, '#alarm', 'no reply from the driver within 0.5 s'),
+            (default_timeouts.process, '#silence span', 'no reply from the panel'),
         ):
             silent.send(signal.SIGSTOP)
             try:
@@ -220,11 +220,11 @@ def test_stop_without_a_driver_is_reported(tmp_path: Path) -> None:
     try:
         with chromium('--disable-3d-apis') as browser:
             page = Page(browser, panel.address, link='')
-            page.wait_for_text('advice', 'no driver is found')
+            page.wait_for_text('advice', 'no driver found')
             assert page.button('Arm').is_disabled()
             page.page.keyboard.press('Escape')
             page.wait_for_text(
-                'alarm', 'STOP was not delivered: no driver is found. Press the E-stop.'
+                'alarm', 'STOP was not delivered: no driver found. Press the E-stop.'
             )
     finally:
         panel.end()

@@ -118,7 +118,9 @@ def test_step_starts_at_the_limit_after_rounding() -> None:
 def test_singular_direction_is_refused() -> None:
     """With joint 5 straight, joints 4 and 6 turn about one axis."""
     straight = np.array([0.3, -0.2, 0.4, 0.0, 0.0, 0.0])
-    with pytest.raises(RequestError, match='cannot move so from here: turn a joint first'):
+    with pytest.raises(
+        RequestError, match='cannot move in this direction from here: move a joint first'
+    ):
         C3.velocities(straight, 'W', 'tool', 0.1)
 
 
@@ -164,7 +166,7 @@ def test_joint_steps_and_motions_to_points_are_slow() -> None:
 
 @pytest.mark.parametrize(('axis', 'size'), [('X', 0.2), ('1', 1.0), ('U', -0.6), ('X', 0.0)])
 def test_zero_or_too_large_step_is_refused(axis: str, size: float) -> None:
-    with pytest.raises(RequestError, match='a step of'):
+    with pytest.raises(RequestError, match='step = '):
         C3.step(BENT, axis, 'world', size, 1.0)
 
 
@@ -172,5 +174,5 @@ def test_unreachable_pose_is_refused() -> None:
     folded = np.array([0.5, 0.02, -0.1, 0.3])
     away = SCARA.kinematics.forward(folded)[:3, 3]
     axis, size = ('X', 0.1 * np.sign(away[0])) if abs(away[0]) > abs(away[1]) else ('Y', 0.1)
-    with pytest.raises(RequestError, match='cannot go there on a straight line'):
+    with pytest.raises(RequestError, match='cannot move there on a straight line'):
         SCARA.step(folded, axis, 'world', size, 1.0)

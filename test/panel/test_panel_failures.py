@@ -83,7 +83,7 @@ def test_failure_of_any_part_ends_the_panel(
     ends[part]()
     assert running.end() == 1
     assert closed(running)
-    assert 'the panel ends' in caplog.text
+    assert 'stopping the panel' in caplog.text
     assert 'made for this test' in caplog.text
     client.close()
 
@@ -99,9 +99,9 @@ def test_panel_without_a_failure_exits_with_0(running: Running) -> None:
 def test_undeliverable_stop_is_an_alarm_and_no_failure(running: Running) -> None:
     with running.window() as client:
         client.click('STOP')
-        client.wait_for_notification('nobody serves /nobody/stop')
+        client.wait_for_notification('no server for /nobody/stop')
         alarms = [
-            f'{name}: STOP was not delivered: nobody serves /{name}/stop. Press the E-stop.'
+            f'{name}: STOP was not delivered: no server for /{name}/stop. Press the E-stop.'
             for name in ('nobody', 'other')
         ]
         client.wait(lambda: client.parts['alarms'] == alarms, 'each by its name')
@@ -117,7 +117,7 @@ def test_stopped_web_server_ends_the_panel(
     running.window().close()
     running.panel.web.stop()
     assert running.end() == 1
-    assert 'nothing serves the page any more' in caplog.text
+    assert 'the page is no longer served' in caplog.text
 
 
 @pytest.mark.invariant(9)

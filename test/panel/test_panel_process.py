@@ -152,7 +152,7 @@ def test_stop_of_any_window_stops_the_arm(cell: Cell, panel: PanelProcess) -> No
 def test_closed_window_cancels_its_goal(cell: Cell, panel: PanelProcess) -> None:
     moving(cell, panel).close()
     with panel.window() as other:
-        other.wait_for_log('the armed window of the panel is gone', after=SENT)
+        other.wait_for_log('the armed window of the panel was closed', after=SENT)
         other.wait_for_log('swing: ', after=SENT)
         cell.peer.assert_still()
         assert not other.armed
@@ -163,11 +163,11 @@ def test_closed_window_cancels_its_goal(cell: Cell, panel: PanelProcess) -> None
 def test_frozen_page_cancels_its_goal(cell: Cell, panel: PanelProcess) -> None:
     with moving(cell, panel) as client:
         client.freeze()
-        client.wait_for_log('the armed window is frozen, hidden or cut off', after=SENT)
+        client.wait_for_log('the armed window is frozen, hidden or disconnected', after=SENT)
         client.wait_for_log('swing: ', after=SENT)
         cell.peer.assert_still()
         client.click('Arm')
-        client.wait_for_notification('no sign of life')
+        client.wait_for_notification('does not respond')
     move_arm_to(cell)
 
 
@@ -262,7 +262,7 @@ def test_goal_is_refused_away_from_its_start(cell: Cell, panel: PanelProcess) ->
     with panel.armed() as client:
         enable(client)
         client.click('Execute')
-        client.wait_for_notification('28.6° away from the start of swing: go there first')
+        client.wait_for_notification('28.6° away from the start of swing: move there first')
         client.click('Go to its start, slowly')
         client.wait_for_log('to the start of swing: at the goal')
         assert abs(cell.peer.position()[0]) < 0.02

@@ -65,13 +65,13 @@ class Robot:
 
     def trigger(self, name: str, say: Any) -> None:
         if not self.served:
-            raise NoDriverError(f'nobody serves ~/{name}')
+            raise NoDriverError(f'no server for ~/{name}')
         self.asked.append(name)
         self.say = say
 
     def set_speed(self, factor: float, say: Any) -> None:
         if not self.served:
-            raise NoDriverError('nobody serves ~/set_speed_scaling')
+            raise NoDriverError('no server for ~/set_speed_scaling')
         self.asked.append((factor, say))
 
 
@@ -157,7 +157,7 @@ def test_arming_requires_parameters_newer_than_the_joint_states(
     """A driver of the same name, for a real robot, may have replaced the first."""
     robot.state.times['first joints'] = NOW - 1.0
     robot.state.times['parameters'] = NOW - 1.5
-    with pytest.raises(NotArmedError, match='which robot'):
+    with pytest.raises(NotArmedError, match='robot of the driver is still unknown'):
         control.arming.arm(1)
     robot.state.times['parameters'] = NOW - 0.5
     control.arming.arm(1)
@@ -176,7 +176,7 @@ def test_robot_with_outdated_state_cannot_be_armed(
     robot.state.times[silent] -= MAX_AGES_S[silent] + 0.01
     control.look()
     assert control.arming.holder is None
-    with pytest.raises(NotArmedError, match='cannot be seen'):
+    with pytest.raises(NotArmedError, match='needs a visible robot'):
         control.arming.arm(1)
 
 
@@ -222,13 +222,13 @@ def test_unanswered_stop_is_an_alarm_until_the_answer(
     now += STOP_ANSWER_S + 0.01
     control.look()
     assert control.stop_alarm == (
-        'STOP was not delivered: the driver has not answered for 0.5 s. Press the E-stop.'
+        'STOP was not delivered: no reply from the driver within 0.5 s. Press the E-stop.'
     )
     robot.say('~/stop: no motion was running', INFO)
     assert control.stop_alarm == ''
     control.stop()
-    robot.say('~/stop: no standstill seen within 2 s', ERROR)
-    assert control.stop_alarm.startswith('STOP failed: ~/stop: no standstill seen')
+    robot.say('~/stop: no standstill within 2 s', ERROR)
+    assert control.stop_alarm.startswith('STOP failed: ~/stop: no standstill')
     assert control.stop_alarm in robot.logged
 
 
@@ -266,7 +266,7 @@ def test_unarmed_window_cannot_request_motion(
 def test_pendant_buttons_need_a_simulated_controller(control: RobotControl) -> None:
     control.arming.arm(1)
     for what, how in (('Motors', 'on'), ('E-stop', 'press')):
-        with pytest.raises(NotSimulatedError, match='no simulated controller is known'):
+        with pytest.raises(NotSimulatedError, match='no simulated controller found'):
             control.press(1, what, how)
 
 
@@ -274,12 +274,12 @@ def test_trajectory_with_other_number_of_joints_is_refused(
     robot: Robot, control: RobotControl
 ) -> None:
     control.arming.arm(1)
-    with pytest.raises(RequestError, match='the robot model is not known'):
+    with pytest.raises(RequestError, match='the robot model is unknown'):
         control.go_to_start(1, 'short', SHORT)
     control.look()
     robot.state.joint_names = tuple(f'joint_{number}' for number in range(1, 7))
     for ask in (control.execute, control.go_to_start):
-        with pytest.raises(RequestError, match='for 2 joints, the robot has 6'):
+        with pytest.raises(RequestError, match='has 2 joints, but the robot 6'):
             ask(1, 'short', SHORT)
     assert control.away_from_start(SHORT) == ''
     assert control.plan is None
@@ -308,10 +308,10 @@ def test_failed_speed_request_does_not_block_the_next(robot: Robot, control: Rob
     control.set_speed(1, 0.6)
     control.set_speed(1, 0.7)
     robot.served = False
-    robot.asked[-1][1]('~/set_speed_scaling: no answer in 15 s', ERROR)
+    robot.asked[-1][1]('~/set_speed_scaling: no reply within 15 s', ERROR)
     assert robot.logged == [
-        '~/set_speed_scaling: no answer in 15 s',
-        'nobody serves ~/set_speed_scaling',
+        '~/set_speed_scaling: no reply within 15 s',
+        'no server for ~/set_speed_scaling',
     ]
     robot.served = True
     control.set_speed(1, 0.8)
@@ -366,9 +366,9 @@ def test_disconnected_window_is_disarmed_and_ignored() -> None:
     rules = ArmingRules()
     rules.arming.arm(1)
     rules.arming.disconnect(1)
-    assert rules.ended == ['the armed window of the panel is gone']
+    assert rules.ended == ['the armed window of the panel was closed']
     assert not rules.may(1)
-    with pytest.raises(NotArmedError, match='not connected'):
+    with pytest.raises(NotArmedError, match='is disconnected'):
         rules.arming.arm(1)
     rules.arming.disconnect(2)
     assert len(rules.ended) == 1
@@ -399,8 +399,8 @@ def test_window_without_heartbeat_is_disarmed() -> None:
     rules.now += ALIVE_WITHIN_S + 0.01
     rules.arming.alive(2)
     rules.arming.watch()
-    assert rules.ended == ['the armed window is frozen, hidden or cut off']
-    with pytest.raises(NotArmedError, match='no sign of life'):
+    assert rules.ended == ['the armed window is frozen, hidden or disconnected']
+    with pytest.raises(NotArmedError, match='does not respond'):
         rules.arming.arm(1)
     rules.arming.arm(2)
 
@@ -462,7 +462,7 @@ def test_demo_stay_runs_until_interrupted(tmp_path: Path) -> None:
                 )
             assert line, output
             output += line
-        assert 'the arm did what was planned' in output or 'too busy to judge' in output
+        assert 'the arm followed the plan' in output or 'too busy to judge' in output
         assert re.search(r'(?m)^export ROS_DOMAIN_ID=\d+$', output)
         assert 'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n' in output
         address = re.search(r'panel: http://127\.0\.0\.1:(\d+)/', output)

@@ -186,7 +186,7 @@ def test_every_model_is_drawn_and_its_cautions_are_logged(name: str) -> None:
 
 
 def test_io_shows_values_or_the_reason_for_none(shown: ViewAndRequests) -> None:
-    assert shown.part('io') == 'nothing was reported yet'
+    assert shown.part('io') == 'nothing reported yet'
     shown.robot.state.io_reason = ''
     shown.robot.state.io = (IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,)), IoRange(5, 0, (7,)))
     found = shown.part('io')
@@ -215,16 +215,16 @@ def test_unknown_trajectories_and_outputs_are_refused(shown: ViewAndRequests) ->
     state = shown.robot.state
     state.io, state.io_reason = (IoRange(OUTPUT, 8, (0, 1)), IoRange(INPUT, 0, (0,))), ''
     for word in ('execute', 'go_to_start'):
-        with pytest.raises(RequestError, match='there is no such trajectory'):
+        with pytest.raises(RequestError, match='unknown trajectory'):
             shown.ask(word, name='none')
     for index in (7, 10):
-        with pytest.raises(RequestError, match=f'there is no point {index}'):
+        with pytest.raises(RequestError, match=f'unknown point {index}'):
             shown.ask('output', index=index)
     shown.ask('output', index=8)
     shown.ask('output', index=9)
     assert shown.robot.written == [(8, 1), (9, 0)]
     state.io_reason = 'the I/O port is closed'
-    with pytest.raises(RequestError, match='I/O is not known: the I/O port is closed'):
+    with pytest.raises(RequestError, match='I/O is unknown: the I/O port is closed'):
         shown.ask('output', index=8)
     assert shown.robot.written == [(8, 1), (9, 0)]
 
@@ -279,7 +279,7 @@ def test_motion_to_a_point_uses_the_nearest_configuration(shown: ViewAndRequests
     shown.arm()
     shown.ask('go_to', **MOVES['go_to'])
     assert_allclose(shown.robot.executed[0][0].positions[-1], np.full(6, 0.2), atol=1e-6)
-    with pytest.raises(RequestError, match='the arm does not reach it'):
+    with pytest.raises(RequestError, match='out of reach'):
         shown.ask('go_to', **(MOVES['go_to'] | {'x': 5000.0}))
 
 

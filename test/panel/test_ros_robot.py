@@ -200,7 +200,7 @@ def test_goals_of_a_lost_driver_end_with_an_event(pair: DriverAndPanel) -> None:
     assert goal.ended.is_set()
     assert (pair.robot.goals, pair.robot.parameters) == ([], {})
     (event,) = pair.robot.state.events
-    assert event.text == 'goal 1: the driver is gone, and what became of it is not known'
+    assert event.text == 'goal 1: the driver has disappeared, the result is unknown'
 
 
 class Handle:
@@ -250,7 +250,7 @@ def no_driver() -> Iterator[RosRobot]:
 
 
 def test_goal_without_a_driver_is_refused(no_driver: RosRobot) -> None:
-    with pytest.raises(NoDriverError, match='nobody serves /epson_driver/follow_joint_trajectory'):
+    with pytest.raises(NoDriverError, match='no server for /epson_driver/follow_joint_trajectory'):
         no_driver.execute(TRAJECTORY, 'goal 1', no_driver.log)
     assert no_driver.goals == []
 

@@ -145,7 +145,7 @@ def test_real_controller_is_queried_only_once() -> None:
         await until(lambda: pendant.real)
         await asyncio.sleep(30.0)
         assert controller.commands == ['Login,', 'Sim,condition']
-        with pytest.raises(NotSimulatedError, match='no simulated controller answers'):
+        with pytest.raises(NotSimulatedError, match='no reply from a simulated controller'):
             pendant.press(Action(('SetMotorsOn,1',)), results)
 
     play(simulated({'Sim,condition': f'!Sim,{BAD.value}'}), scene)
@@ -198,8 +198,8 @@ def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
         await until(lambda: len(results.all) == 2)
         assert now() - start < ANSWER_TIMEOUT_S + 1.0
         assert results.all == [
-            ('Sim,estop,press: the controller did not answer', False),
-            ('Reset: no simulated controller answers', False),
+            ('Sim,estop,press: no reply from the controller', False),
+            ('Reset: no reply from a simulated controller', False),
         ]
         assert pendant.latest is None
         await until(lambda: pendant.latest)  # reconnected
@@ -219,7 +219,7 @@ def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
         late = Action(('SetMotorsOn,1',))  # pending from another thread
         pendant._commands.put_nowait((late, results))
         await until(lambda: controller.count('Login,') == 2 and pendant.latest)
-        assert results.all == [('SetMotorsOn,1: no simulated controller answers', False)]
+        assert results.all == [('SetMotorsOn,1: no reply from a simulated controller', False)]
         assert controller.count('SetMotorsOn,1') == 0
 
     def once() -> str:
@@ -241,7 +241,7 @@ def test_invalid_command_text_does_not_end_the_session() -> None:
         await until(lambda: results.all)
         ((text, done),) = results.all
         assert not done
-        assert 'is not one command' in text
+        assert 'must be one command' in text
         await until(lambda: controller.count('Sim,condition') > 3)
         assert controller.count('Login,') == 1
 

@@ -424,7 +424,7 @@ def test_other_origin_is_rejected(origin: str, upgrade: str | None) -> None:
 
 def test_websocket_without_origin_is_rejected() -> None:
     found = rejection(LOCAL, upgrade='websocket')
-    assert found == Rejection(403, 'a websocket without an Origin is not let in')
+    assert found == Rejection(403, 'a websocket without an Origin is rejected')
 
 
 @pytest.mark.parametrize('host', ['evil.example:8080', '127.0.0.1', 'evil.example', '', None])

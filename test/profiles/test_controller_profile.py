@@ -269,7 +269,7 @@ def test_circular_like_is_an_error(tmp_path):
     own = {'name': 'x', 'description': 'x'}
     written(tmp_path, {'like': 'b.yaml', **own}, 'a.yaml')
     path = written(tmp_path, {'like': 'a.yaml', **own}, 'b.yaml')
-    with pytest.raises(InputError, match='that one is like this one'):
+    with pytest.raises(InputError, match='must not refer back to this file'):
         load_controller_profile(str(path))
 
 

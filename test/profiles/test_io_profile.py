@@ -74,8 +74,8 @@ NUMBER = 'must be a whole number from 0 to 4096'
             {'analog_range': [-5, 'x']},
             "io.analog_range[1] = 'x': must be a number from -100 to 100",
         ),
-        ({'analog_range': [1, 5]}, 'io.analog_range = [1, 5]: 0 V must be in it'),
-        ({'analog_range': [5, -5]}, 'io.analog_range = [5, -5]: 0 V must be in it'),
+        ({'analog_range': [1, 5]}, 'io.analog_range = [1, 5]: must include 0 V'),
+        ({'analog_range': [5, -5]}, 'io.analog_range = [5, -5]: must include 0 V'),
         (
             {'safe': ['DO3']},
             "io.safe = ['DO3']: must be a mapping, such as {DO3: 1, AO0: 2.5}",
@@ -84,11 +84,11 @@ NUMBER = 'must be a whole number from 0 to 4096'
         ({'safe': {'AO0': 11}}, 'io.safe.AO0 = 11: must be a number from -10 to 10'),
         (
             {'safe': {'DI0': 1}},
-            "io.safe: 'DI0' is no output: must be DO0 to DO15 or AO0 to AO1",
+            "io.safe: 'DI0' must be an output: DO0 to DO15 or AO0 to AO1",
         ),
         (
             {'keep_on_reset': ['DO16']},
-            "io.keep_on_reset: 'DO16' is no output: must be DO0 to DO15 or AO0 to AO1",
+            "io.keep_on_reset: 'DO16' must be an output: DO0 to DO15 or AO0 to AO1",
         ),
         (
             {'keep_on_link_loss': 'some'},
@@ -96,7 +96,7 @@ NUMBER = 'must be a whole number from 0 to 4096'
         ),
         (
             {'keep_on_link_loss': [['DO1']], 'analog_outputs': 0},
-            "io.keep_on_link_loss: ['DO1'] is no output: must be DO0 to DO15",
+            "io.keep_on_link_loss: ['DO1'] must be an output: DO0 to DO15",
         ),
     ],
 )

@@ -52,7 +52,7 @@ def test_a_refusal_has_its_number():
 )
 def test_inv9_malformed_answer_is_a_connection_error(answer):
     """`int` raises ValueError for more than 4,300 digits."""
-    with pytest.raises(ConnectionError, match='is no answer to SetMotorsOn') as error:
+    with pytest.raises(ConnectionError, match='is not a reply to SetMotorsOn') as error:
         ask(answer)
     assert len(str(error.value)) < 600
 
@@ -166,7 +166,7 @@ async def test_inv7_only_finite_ascii_numbers_are_joints_and_motors(motors):
         return await ask_positions(replying(f'"-90 2e1 {number}"'), ['rad', 'm'])
 
     assert await printed('1') == ((pytest.approx(-np.pi / 2), 0.02), True)
-    with pytest.raises(ConnectionError, match='is no answer to'):
+    with pytest.raises(ConnectionError, match='is not a reply to'):
         await printed(motors)
 
 

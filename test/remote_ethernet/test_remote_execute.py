@@ -15,11 +15,11 @@ HOST = '127.0.0.1'
 @pytest.mark.parametrize(
     ('answer', 'error', 'text'),
     [
-        (b'hello\r\n', ConnectionError, "'hello' is no answer to Login"),
-        (b'#GetStatus,1\r\n', ConnectionError, 'is no answer to Login'),
-        (b'!Login,what\r\n', ConnectionError, 'is no answer to Login'),
-        (b'', ConnectionError, 'closed by the controller before it answered Login'),
-        (b'x' * 200_000, ConnectionError, 'does not end'),
+        (b'hello\r\n', ConnectionError, "'hello' is not a reply to Login"),
+        (b'#GetStatus,1\r\n', ConnectionError, 'is not a reply to Login'),
+        (b'!Login,what\r\n', ConnectionError, 'is not a reply to Login'),
+        (b'', ConnectionError, 'closed by the controller before the reply to Login'),
+        (b'x' * 200_000, ConnectionError, 'has no end'),
         (b'!Login,13\r\n', RemoteError, r'the password is wrong \(error 13\)'),
         (b'!Login,77\r\n', RemoteError, r'unknown error number \(error 77\)'),
     ],

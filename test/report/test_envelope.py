@@ -35,5 +35,5 @@ def test_text_has_reach_and_ranges_of_the_manual(
 
 def test_arm_of_another_kind_is_refused(tmp_path: Path) -> None:
     model = dataclasses.replace(load_robot_model('gx8_c552s'), joint_types=('revolute',) * 4)
-    with pytest.raises(PictureError, match='no picture of such an arm'):
+    with pytest.raises(PictureError, match='this kind of arm cannot be plotted'):
         draw_envelope(tmp_path / 'picture.png', model)

@@ -160,7 +160,11 @@ def other_bag(folder, *names, messages=True, status=False, storage=StoragePlugin
 @pytest.mark.parametrize(
     ('names', 'options', 'message'),
     [
-        ((), {'status': True}, r'no joint states in it \(topics: /chatter\): record joint_states'),
+        (
+            (),
+            {'status': True},
+            r'it contains no joint states \(topics: /chatter\): record joint_states',
+        ),
         (('/joint_states',), {'messages': False}, 'has no message with positions'),
         (
             ('/a/joint_states', '/b/joint_states'),
@@ -180,7 +184,7 @@ def test_namespace_chooses_one_of_several_robots(tmp_path):
     assert len(run.times) == 40
     assert any('no robot_status' in note for note in run.notes)
     assert any('no plan' in note for note in run.notes)
-    with pytest.raises(RunError, match=r'no /c/joint_states in it .*/a/joint_states'):
+    with pytest.raises(RunError, match=r'it contains no /c/joint_states .*/a/joint_states'):
         read_bag(bag, TEXTS, 'c')
 
 
@@ -209,8 +213,8 @@ def test_truncated_bag_is_read_up_to_the_damage(tmp_path, missing, killed):
     (bag / 'metadata.yaml').unlink()
     run = read_bag(bag if killed else file, TEXTS)
     assert len(run.times) == 40
-    assert any('breaks off' in note for note in run.notes)
-    assert any('breaks off' in event.text for event in run.events)
+    assert any('truncated' in note for note in run.notes)
+    assert any('ends here' in event.text for event in run.events)
 
 
 @pytest.mark.parametrize('share', [0.0, 0.01, 0.3])
@@ -224,7 +228,7 @@ def test_bag_without_a_complete_message_is_refused_by_name(tmp_path, bag, share)
 
 
 def test_existing_folder_is_not_changed(tmp_path, run):
-    with pytest.raises(RunError, match='is there already'):
+    with pytest.raises(RunError, match='must be a new folder'):
         write_bag(run, figures(run), tmp_path)
     assert list(tmp_path.iterdir()) == []
 

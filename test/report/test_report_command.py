@@ -74,14 +74,14 @@ def test_report_of_an_exported_bag_has_equal_figures(called, tmp_path):
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        (('--compare', 'a.pcap'), 'puts two files side by side, not 1'),
-        (('a.pcap', 'b.pcap', '--output', 'x.html'), 'are for one report'),
+        (('--compare', 'a.pcap'), 'needs two files, not 1'),
+        (('a.pcap', 'b.pcap', '--output', 'x.html'), 'write one report'),
         (('a.pcap', '--output', 'x.pdf'), 'must end in .html'),
         (('nothing.pcap',), 'nothing.pcap: No such file'),
         (('a.pcap', '--robot', 'gx4_c251s', '--output', 'no/x.html'), 'No such file or directory'),
         (('a.pcap', '--robot', 'mars'), 'no robot model mars'),
         (('a.pcap', '--controller', 'mars'), 'no mars'),
-        (('--compare', 'a.pcap', 'b.pcap', '--mcap', 'bag'), 'leave out --compare'),
+        (('--compare', 'a.pcap', 'b.pcap', '--mcap', 'bag'), 'omit --compare'),
         (('a.pcap', '--address', '10.9.9.9'), 'no connection to a controller'),
     ],
 )
@@ -114,7 +114,9 @@ def test_bag_of_another_arm_is_refused(called):
     assert called('a.pcap', '--mcap', 'bag')[0] == 0
     code, output = called('bag', '--robot', 'gx4_c251s')
     assert code == 2
-    assert 'bag: 6 joints, the robot gx4_c251s has 4: name its model with --robot' in output.err
+    assert (
+        'bag: 6 joints, but the robot gx4_c251s has 4: select its model with --robot' in output.err
+    )
 
 
 def test_ctrl_c_exits_as_interrupted(called, monkeypatch):

@@ -148,8 +148,8 @@ def test_trajectory_topic_is_a_plan_and_an_event(tmp_path):
     [
         ([(0.0, [0.1] * 6), (1.0, [0.1] * 5)], 'point 1 has 5 positions for 6 joints'),
         ([(0.0, []), (1.0, [0.1] * 6)], 'point 0 has 0 positions for 6 joints'),
-        ([(0.0, [math.inf] * 6)], 'point 0 has positions that are not numbers'),
-        ([(0.0, [0.1] * 6), (0.0, [0.2] * 6)], 'the time of point 1 is not after'),
+        ([(0.0, [math.inf] * 6)], 'point 0 has positions that are not finite'),
+        ([(0.0, [0.1] * 6), (0.0, [0.2] * 6)], 'point 1 must be later than'),
     ],
     ids=['short', 'empty', 'no number', 'no time'],
 )
@@ -175,7 +175,7 @@ def test_invalid_joint_states_are_skipped_with_one_warning(tmp_path):
     run = read(tmp_path, *usual(), *wrong)
     assert run.positions[:, 0] == pytest.approx(0.01 * np.arange(20))
     (warning,) = [event for event in run.events if event.level == 'warning']
-    assert warning.text == 'joint states in which not all are numbers'
+    assert warning.text == 'joint states with values that are not finite'
     assert warning.time == pytest.approx(0.056)
 
 
@@ -236,8 +236,8 @@ def test_link_states_are_events_and_a_loss_has_a_remedy(tmp_path):
 def test_unreadable_message_ends_the_run(tmp_path):
     run = read(tmp_path, *usual(), (0.1001, STATES, STATE, b'\0\1\0\0' + b'\xff' * 40))
     assert len(run.times) == 11
-    assert any(note.startswith('the bag breaks off: ') for note in run.notes)
-    assert event_texts(run, 'error') == ['the recording breaks off here']
+    assert any(note.startswith('the bag is truncated: ') for note in run.notes)
+    assert event_texts(run, 'error') == ['the recording ends here']
 
 
 @pytest.mark.parametrize('damage', [b'', b'\0\1\0\0' + b'\xff' * 40], ids=['empty', 'length'])

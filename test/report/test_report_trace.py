@@ -144,7 +144,7 @@ def test_refused_point_lost_link_and_invalid_bytes_are_events(tmp_path):
     run = read(recorder, tmp_path)
     errors = texts(run, 'error')
     assert 'the controller refused JOINT_TRAJ_PT 3' in errors
-    assert 'state port: 40 bytes that are no message' in errors
+    assert 'state port: 40 bytes without a message' in errors
     assert 'state port closed by the controller' in errors
     assert '1 requests without a reply' in texts(run, 'warning')
     assert run.links[-1][1:] == ('state', False)
@@ -170,7 +170,7 @@ def test_damaged_trace_is_read_up_to_the_damage(tmp_path):
     assert 0 < len(run.times) < len(full.times)
     assert np.array_equal(run.positions, full.positions[: len(run.times)])
     assert f'damaged at byte {position}' in run.notes[0]
-    assert 'is missing here' in run.notes[0]
+    assert 'the data after it is missing' in run.notes[0]
 
 
 def test_missing_packet_is_noted(tmp_path):
@@ -239,7 +239,7 @@ def test_implausible_joints_are_an_event_and_not_in_the_figures(tmp_path, wrong)
     recorder.controller_sends(4.006, 11002, JointPosition(0, (wrong,) * 10))
     recorder.driver_sends(4.007, 11000, JointTrajPt(0, (wrong,) * 10))
     run = read(recorder, tmp_path)
-    warnings = [text for text in texts(run, 'warning') if 'cannot be true' in text]
+    warnings = [text for text in texts(run, 'warning') if 'implausible' in text]
     assert len(warnings) == 1
     numbers = figures(run)
     assert np.isfinite(numbers.velocities).all()
@@ -344,7 +344,7 @@ def test_motoman_commands_and_refusals_are_events(tmp_path):
     answered(recorder, 4.2, MotionCtrl(0, 2, Command.STOP_MOTION), Result.ALARM)
     answered(recorder, 4.3, MotionCtrl(0, 3, 200199), Result.INVALID)
     run = read(recorder, tmp_path)
-    assert 'motors on asked for' in texts(run, 'info')
+    assert 'motors on requested' in texts(run, 'info')
     assert 'STOP sent' in texts(run, 'warning')
     assert texts(run, 'error') == [
         'the controller refused STOP_MOTION 2',
@@ -357,7 +357,7 @@ def test_failed_ping_is_reported_as_a_stalled_driver(tmp_path):
     recorder.raw(4.1, 11000, encode(reply(Ping(), ReplyCode.FAILURE), LITTLE_ENDIAN))
     run = read(recorder, tmp_path)
     (error,) = [event for event in run.events if event.level == 'error']
-    assert error.text == 'the controller stopped the arm: it heard nothing from the driver'
+    assert error.text == 'the controller stopped the arm: it received nothing from the driver'
 
 
 def test_unrequested_reply_and_truncated_message_are_events(tmp_path):
@@ -367,9 +367,9 @@ def test_unrequested_reply_and_truncated_message_are_events(tmp_path):
     whole = encode(topic(Status()), LITTLE_ENDIAN)
     recorder.raw(4.2, 11002, struct.pack('<i', len(whole) - 8) + whole[4:-4])
     run = read(recorder, tmp_path)
-    assert 'a reply that answers nothing (message type 999)' in texts(run, 'warning')
+    assert 'a reply without a request (message type 999)' in texts(run, 'warning')
     (error,) = [event for event in run.events if event.level == 'error']
-    assert error.text.startswith('a message that cannot be read: ')
+    assert error.text.startswith('an unreadable message: ')
     assert error.remedy
     assert ('message type 999 reply', 'controller') in {(t.name, t.sender) for t in run.traffic}
 
@@ -412,7 +412,7 @@ def test_mode_and_errors_without_a_number_are_events():
     assert [(event.time, event.level, event.text) for event in seen] == [
         (1.0, 'error', 'error without a number'),
         (1.0, 'warning', 'key switch: manual'),
-        (3.0, 'info', 'no error any more'),
+        (3.0, 'info', 'error cleared'),
         (3.0, 'info', 'key switch: automatic'),
     ]
     assert all(event.remedy for event in seen if event.level != 'info')

@@ -235,7 +235,7 @@ def test_unreachable_pose_has_no_solution() -> None:
     ],
 )
 def test_matrix_that_is_not_a_pose_is_refused(pose: Array) -> None:
-    with pytest.raises(ValueError, match=r'^pose = .*: must be a rotation and a place'):
+    with pytest.raises(ValueError, match=r'^pose = .*: must be a rotation and a position'):
         Kinematics(C3).inverse(pose)
 
 
@@ -283,7 +283,7 @@ def test_chain_without_closed_form_is_refused_with_the_reason(chain: Chain, reas
     model = dataclasses.replace(C3, chain=chain)
     with pytest.raises(KinematicsError, match=re.escape(reason)) as error:
         Kinematics(model).inverse(np.eye(4))
-    assert str(error.value).startswith('c3_a601s: no inverse kinematics, as its chain is not')
+    assert str(error.value).startswith('c3_a601s: no inverse kinematics, because it is not')
 
 
 def test_tool0_off_the_axis_of_joint_6_is_refused() -> None:

@@ -99,7 +99,7 @@ def test_invalid_limit_file_is_refused(text: str, message: str, tmp_path: Path) 
 @pytest.mark.parametrize(
     ('rows', 'message'),
     [
-        ({}, 'a: no position min limit is known: publish the URDF'),
+        ({}, 'a: no position min limit: publish the URDF'),
         (
             {'a': {'position_min': 1.0, 'position_max': 0.0, 'velocity': 1.0}},
             'a: position range 1.0 … 0.0 is empty',
@@ -117,5 +117,5 @@ def test_impossible_limits_are_refused(rows: dict[str, dict[str, float]], messag
 
 
 def test_description_that_is_not_xml_is_refused() -> None:
-    with pytest.raises(InputError, match='the robot description is no XML'):
+    with pytest.raises(InputError, match='the robot description is not XML'):
         urdf_limits('<robot>')

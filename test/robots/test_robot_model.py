@@ -304,16 +304,16 @@ TWO = 'must have 2 numbers, the lowest and the highest'
         (
             'range_deg',
             [[60, -60], [0, 1]],
-            ' = [[60.0, -60.0], [0.0, 1.0]]: 60 … -60 of a is no range from low to high',
+            ' = [[60.0, -60.0], [0.0, 1.0]]: 60 … -60 of a must be a range from low to high',
         ),
         (
             'range_deg',
             [[-1, 1], [10, 90]],
-            ' = [[-1.0, 1.0], [10.0, 90.0]]: 0 is outside 10 … 90 of b; is that so? '
-            'zero_outside: true',
+            ' = [[-1.0, 1.0], [10.0, 90.0]]: 0 is outside 10 … 90 of b: zero_outside: '
+            'true if correct',
         ),
         ('pulses_per_deg', [1.0, NAN], f' = nan: {ENCODER}'),
-        ('pulses_per_deg', [1.0, 0], ' = [1.0, 0.0]: none may be less than 0.001'),
+        ('pulses_per_deg', [1.0, 0], ' = [1.0, 0.0]: must be at least 0.001'),
         ('origins_mm', [[0, 0, 1], [0, 1]], ' = [0, 1]: must have 3 numbers, x and y and z'),
         ('origins_mm', [[0, 0, 1], [0, NAN, 0]], f' = nan: {LENGTH}'),
         ('axes', [[0, 0, 1], [0, 'y', 0]], f" = 'y': {AXIS}"),

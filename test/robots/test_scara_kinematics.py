@@ -87,11 +87,11 @@ def test_tilted_tool_is_refused_with_the_reason():
     pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.radians([0.0, 0.0, 3.0]))
     assert not len(arm.inverse(pose))
     assert arm.why_unreachable(pose) == (
-        'it leans by 3 degrees, and the tool of a SCARA stays upright'
+        'it is tilted by 3 degrees, but a SCARA tool stays upright'
     )
     upside_down = arm.forward(np.zeros(4))
     upside_down[:3, :3] = upside_down[:3, :3] @ np.diag([1.0, -1.0, -1.0])
-    assert 'leans by 180 degrees' in arm.why_unreachable(upside_down)
+    assert 'is tilted by 180 degrees' in arm.why_unreachable(upside_down)
 
 
 def test_chain_that_is_no_scara_is_refused_with_the_reason():

@@ -69,7 +69,7 @@ def test_inv3_motors_off_in_motion_brakes_first():
     harness.send(point(0, HERE))
     assert harness.codes() == [(0, FAILURE)]
     assert harness.error == 4031
-    with pytest.raises(RejectedError, match='still brakes'):
+    with pytest.raises(RejectedError, match='still braking'):
         harness.do('motors on')
     assert harness.rest() < 0.2
     assert harness.condition.motors is Motors.OFF
@@ -135,7 +135,7 @@ def test_incomplete_frame_is_dropped_with_its_client():
 
 def test_second_motion_client_is_refused():
     harness = Harness()
-    with pytest.raises(ConnectionRefusedError, match='client already'):
+    with pytest.raises(ConnectionRefusedError, match='another motion client'):
         harness.connect()
     assert harness.controller.faults.attached == 1
 
@@ -150,7 +150,7 @@ def test_inv3_and_4_estop_in_motion_until_enabled_again():
     assert (status.e_stopped, status.drives_powered, status.motion_possible) == (1, 0, 0)
     assert (status.error_code, status.in_error, status.in_motion) == (2261, 1, 1)
     harness.do('E-stop release')
-    with pytest.raises(RejectedError, match='still brakes'):
+    with pytest.raises(RejectedError, match='still braking'):
         harness.do('reset')
     assert harness.rest() < 0.2
     assert controller.status().in_motion == 0
@@ -243,7 +243,7 @@ def test_door_and_estop_survive_a_reboot():
 
 def test_reset_is_refused_while_the_arm_moves():
     harness = moving_harness()
-    with pytest.raises(RejectedError, match='still moves'):
+    with pytest.raises(RejectedError, match='still moving'):
         harness.do('reset')
 
 
@@ -284,6 +284,6 @@ def test_continue_after_the_door_restores_the_power():
 
 def test_client_of_an_unknown_port_is_refused():
     controller = new_controller(MODEL, PROFILE)
-    with pytest.raises(ValueError, match='teapot is no port'):
+    with pytest.raises(ValueError, match='teapot must be a port'):
         controller.connect('teapot', Peer())
     controller.connect('remote', Peer())  # the failed attempt has no effect

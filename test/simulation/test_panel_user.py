@@ -34,7 +34,7 @@ def play(profile, *events):
 @pytest.mark.invariant(3, 4)
 def test_inv3_frozen_page_ends_its_goal():
     log = play('rc700a', STEP, FREEZE)
-    assert 'the armed window is frozen, hidden or cut off' in log
+    assert 'the armed window is frozen, hidden or disconnected' in log
     assert 'goal 1: canceled' in log
 
 

@@ -83,7 +83,7 @@ def build_and_run(text: str) -> str:
     for code in program.functions[:3]:
         if not code.parameters:
             error = run_function(program, code, SCARA, Surroundings(), longest=0.1).error
-            assert re.match(r'(error \d+: .|not over after |waits for |$)', error)
+            assert re.match(r'(error \d+: .|still running after |waits for |$)', error)
     return 'run'
 
 

@@ -207,7 +207,7 @@ def test_error_in_a_trap_condition_has_its_task() -> None:
         ('i = a(z - 1)', ErrorNumber.INDEX, 4, 'index -1 is below 0'),
         ('l = 255 * &H1000000 + z', ErrorNumber.OVERFLOW, 4, '4278190080 does not fit Long'),
         ('r = Sqr(z - 1)', ErrorNumber.ARGUMENT, 4, 'Sqr: -1 is below 0'),
-        ('r = (z - 8) ** 0.5', ErrorNumber.ARGUMENT, 4, 'no broken power'),
+        ('r = (z - 8) ** 0.5', ErrorNumber.ARGUMENT, 4, 'no fractional power'),
         ('r = 10 ** 400', ErrorNumber.OVERFLOW, 4, 'does not fit Double'),
         ('i = 10 ** 300', ErrorNumber.OVERFLOW, 4, 'does not fit Integer'),
         ('i = Asc("")', ErrorNumber.ARGUMENT, 4, 'the string is empty'),

@@ -106,7 +106,7 @@ def test_export_needs_a_new_folder(tmp_path: Path) -> None:
     config = (tmp_path / 'Cell_1' / 'config.inc').read_text()
     assert '#define OWN_ADDRESS "10.0.0.2"\n' in config
     assert '#define IO_FIRST_OUTPUT_BYTE 0\n' in config  # p953: RC+ 6 assigns none
-    with pytest.raises(InputError, match='must be a new or an empty folder'):
+    with pytest.raises(InputError, match='must be a new or empty folder'):
         export_into(tmp_path / 'Cell_1')
 
 

@@ -85,9 +85,9 @@ def test_included_files_are_found_in_any_case() -> None:
 @pytest.mark.parametrize(
     ('source', 'message'),
     [
-        ('#include "no.inc"', 'main.prg:1:1: error: #include: there is no file no.inc'),
+        ('#include "no.inc"', 'main.prg:1:1: error: #include: no file no.inc'),
         ('#include no.inc', 'needs a file name in quotes'),
-        ('#include "main.prg"', 'include each other without end'),
+        ('#include "main.prg"', 'include each other endlessly'),
         ('#if X', 'unknown directive #if'),
         ('#ifdef X', 'has no #endif'),
         ('#endif', '#endif without #ifdef'),

@@ -231,7 +231,7 @@ def test_array_size_is_limited_by_scope(declaration: str, allowed: bool) -> None
         ('byRefI(ByRef i, i)', 'must be an array'),
         ('byRefI(ByRef 3, ByRef a())', 'ByRef needs a variable'),
         ('Redim i(3)', 'must be an array'),
-        ('Redim a(1, 1)', 'cannot change how many dimensions'),
+        ('Redim a(1, 1)', 'cannot change the number of dimensions'),
     ],
 )
 def test_wrong_type_is_a_build_error(statement: str, text: str) -> None:

@@ -117,12 +117,12 @@ FAULTS: dict[str, Row] = {
     ),
     'wrong_answer': Row(
         strike='wrong_answer',
-        text="the remote link was lost: .*'#Hello,0' is no answer to what was asked",
+        text="the remote link was lost: .*'#Hello,0' is not a reply to the request",
         gate='the remote link was lost',
     ),
     'logged_out': Row(
         strike='logged_out',
-        text='(the remote link was lost: |refused STOP).*nobody is logged in',
+        text='(the remote link was lost: |refused STOP).*no client is logged in',
         gate='the remote link was lost|refused STOP',
     ),
     'second_client': Row(strike='second_client', harmless=True),

@@ -143,7 +143,7 @@ async def other_client_first(harness: Any, controller: Any) -> None:
         assert await reader.readline() == b'#Login,0\r\n'
         await asyncio.sleep(STAYS_S)
         assert not harness.driver.state_link.connected
-        assert any('serves one client' in why for _, why in harness.events.links)
+        assert any('another Remote Ethernet client' in why for _, why in harness.events.links)
 
 
 async def logged_out(harness: Any, controller: Any) -> None:

@@ -33,7 +33,7 @@ def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
 def assert_judged(run: subprocess.CompletedProcess[str]) -> None:
     """Assert that the plan was executed, or that the machine was too busy to judge."""
     assert run.returncode in (0, TOO_BUSY), run.stdout + run.stderr
-    verdict = 'too busy to judge' if run.returncode else 'the arm did what was planned'
+    verdict = 'too busy to judge' if run.returncode else 'the arm followed the plan'
     assert verdict in ' '.join(run.stdout.split())
 
 
@@ -148,7 +148,7 @@ def test_demo_compares_smooth_and_point_to_point(tmp_path: Path) -> None:
     assert_judged(run)
     assert '1 of 2: point to point' in run.stdout
     assert '2 of 2: smooth' in run.stdout
-    (stops,) = (line for line in run.stdout.splitlines() if 'stops on the way' in line)
+    (stops,) = (line for line in run.stdout.splitlines() if 'intermediate stops' in line)
     at_points, smooth = (int(cell) for cell in stops.split('│')[2:4])
     assert (at_points, smooth) == (9, 0) or run.returncode == TOO_BUSY
     assert picture.read_bytes().startswith(b'\x89PNG')

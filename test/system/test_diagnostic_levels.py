@@ -45,7 +45,7 @@ def test_diagnostics_follow_an_estop_and_a_controller_restart(tmp_path: Path) ->
         assert wait(cell, 'arm', OK, 'enabled')['arm gate'] == 'open'
 
         cell.pendant('estop', 'press')
-        shown = wait(cell, 'arm', ERROR, 'the motion task does not exist')
+        shown = wait(cell, 'arm', ERROR, 'motion task not running')
         assert shown['error code'] == '2261'
         assert (shown['cause'], shown['remedy']) == ('ESTOP', 'RELEASE_ESTOP')
         assert 'E-stop' in shown['arm gate reason']

@@ -216,7 +216,7 @@ def test_failure_in_any_task_or_thread_stops_the_arm_and_the_process(
     assert ends(robot) == 1
     robot.assert_stopped()
     log = robot.log_text()
-    assert 'all arms are stopped, and the driver ends' in log
+    assert 'stopping all arms and the driver' in log
     assert 'injected' in log or name == 'cancelled task'
     assert 'Traceback' in log
     if name != 'executor, always':  # it can send no result

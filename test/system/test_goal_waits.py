@@ -96,7 +96,7 @@ def test_speed_scaling_pauses_and_slows_a_running_goal(
     peer.wait_for_motion()
     success, message = peer.set_speed(0.0)
     assert success
-    assert message == 'pausing: the arm brakes, and the motion waits'
+    assert message == 'pausing: the arm brakes, then the motion waits'
     peer.wait_for(lambda: peer.speed_scaling[-1] == 0.0, 'a factor of 0')
     peer.wait_for(
         lambda: (

@@ -149,7 +149,7 @@ def test_replacement_stops_the_old_goal_and_runs_the_new_one(shared_cell: Cell) 
     ended, code, text = old.result()
     assert (ended, code) == ('aborted', -1)
     assert 'replaced by a new goal' in text
-    assert 'stands' in text
+    assert 'at rest' in text
     assert new.result()[0] == 'succeeded'
     assert np.abs(peer.assert_still() - START).max() < 1e-6
 

@@ -157,7 +157,7 @@ def test_inv10_conflicting_robot_description_rejects_the_goal(
     front.peer.wait_for(lambda: 'robot_description gives' in front.process.log_text(), 'a word')
     back = front.peer.goal(trajectory((3.0, START))).result()
     assert back[:2] == ('aborted', -2)
-    assert 'two values for joint_1, velocity: 1.0 and 50.0; stop the wrong publisher' in back[2]
+    assert 'two values for joint_1, velocity: 1.0 and 50.0. Stop the wrong publisher' in back[2]
     fastest = max(np.abs(state[1]).max() for _, state in front.behind.commanded)
     assert fastest <= 1.001
 
@@ -169,7 +169,7 @@ def test_end_of_the_process_brakes_the_arm(make: Any, number: signal.Signals) ->
     goal = front.peer.goal(trajectory((0.0, START), (LASTS_S, FAR)))
     front.until_moving()
     assert front.process.end(number) == 0
-    assert goal.result()[2] == 'smooth_goals ends; it braked; the arm stands'
+    assert goal.result()[2] == 'smooth_goals ends, it braked, the arm is at rest'
     assert np.abs(front.position() - FAR).max() > 0.1
     front.check()
 
@@ -250,7 +250,7 @@ def test_newest_of_several_goals_succeeds_with_another_downstream_clock(make: An
     goal = goal_from_here(front)
     front.until_moving()
     goal.cancel()
-    assert goal.result()[2] == 'canceled; it braked; the arm stands'
+    assert goal.result()[2] == 'canceled, it braked, the arm is at rest'
     front.check()
 
 

@@ -52,7 +52,7 @@ def test_ctrl_c_brakes_within_limits_and_ends_the_goal_once(
         assert cell.client.wait(PATIENCE) == 0
         ended, code, text = goal.result()
         assert (ended, code) == ('aborted', -1), text
-        assert text == 'the driver was shut down; the arm stands'
+        assert text == 'the driver was shut down, the arm is at rest'
         assert cell.client.log_text().count('goal aborted: ') == 1
         watcher.until_at_rest()
     finally:

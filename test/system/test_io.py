@@ -153,7 +153,7 @@ def test_estop_and_lost_controller_invalidate_the_values(
     cell.pendant('estop', 'press')
     peer.wait_for(lambda: not peer.states[-1].valid, 'invalid values')
     assert not peer.states[-1].ranges
-    assert 'its I/O server does not run now' in peer.states[-1].message
+    assert 'its I/O server is stopped' in peer.states[-1].message
     answer = peer.write((DO, 0, 1))
     assert not answer.success
     assert 'refused' in answer.message

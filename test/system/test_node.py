@@ -127,7 +127,7 @@ def test_driver_does_not_start_if_required_security_is_unavailable(
     [
         ('byte_order:=middle', ('byte_order', 'middle', 'auto, little, big')),
         pytest.param('motion_port:=eleven', ('motion_port', 'eleven'), marks=pytest.mark.slow),
-        ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of names')),
+        ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of unique names')),
         ('robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
     ],
 )

@@ -31,11 +31,11 @@ def test_remote_profile_moves_stops_and_rejects_plans(cell: Any) -> None:
     plan = trajectory((0.0, there), (1.0, [0.3, *START[1:]]), (2.0, START))
     ended, code, text = peer.goal(plan).result()
     assert (ended, code) == ('aborted', -1)
-    assert 'a plan of 3 points: by Remote Ethernet alone' in text
+    assert 'a plan of 3 points: over Remote Ethernet alone' in text
     np.testing.assert_allclose(peer.assert_still(5), there, atol=1e-4)
     success, text = peer.set_speed(0.5)
     assert not success
-    assert 'no other speed while it moves' in text
+    assert 'cannot change the speed during a motion' in text
 
     motions = [
         joint_move(READY),

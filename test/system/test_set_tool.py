@@ -113,6 +113,6 @@ def test_set_tool_moves_the_primitives_tcp_and_the_tf_frame(cell: Cell) -> None:
     done, text = set_tool(cell, GRIPPER, name='gripper', payload=0.5)
     assert done, text
     assert 'left_gripper' in text
-    assert 'payload 0.5 kg: a note, which the controller is not told' in text
+    assert 'payload 0.5 kg: only noted, not sent to the controller' in text
     check_frame(cell, 'left_gripper', GRIPPER)
     check_line(cell, arm_with(GRIPPER))

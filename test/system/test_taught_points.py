@@ -132,7 +132,7 @@ def test_stop_ends_the_move_to_a_point(cell: Cell) -> None:
         (GO, 'pick', float('nan'), 'speed = nan: must be'),
         (TEACH, '', 0.0, 'must be a word'),
         (TEACH, 'two words', 0.0, 'must be a word'),
-        (TEACH, 'tool0', 0.0, 'has a frame of that name'),
+        (TEACH, 'tool0', 0.0, 'must not be the name of a frame'),
         (9, 'pick', 0.0, 'action = 9: must be LIST (0)'),
     ],
 )
@@ -156,11 +156,11 @@ def test_tool_and_point_frames_must_not_share_a_name(cell: Cell) -> None:
 
         answer = set_tool('shelf')
         assert not answer.success
-        assert 'a taught point has a frame of that name' in answer.message
+        assert 'must not be the name of a taught point' in answer.message
         assert set_tool('gripper').success
     answer = ask(cell, TEACH, 'gripper')
     assert not answer.success
-    assert 'its tool has a frame of that name' in answer.message
+    assert 'must not be the name of a frame of the arm, its base or its tool' in answer.message
     assert ask(cell, FORGET, 'shelf').success
 
 

@@ -96,7 +96,7 @@ def test_invalid_samples_are_refused(samples):
 
 def test_path_out_of_a_joint_range_is_refused_by_name():
     samples = np.linspace([0.0, 0.0], [1.0, 2.5], 6)
-    with pytest.raises(ValueError, match='b: the way leaves its range'):
+    with pytest.raises(ValueError, match='b: path exceeds the joint range'):
         go_along(LIMITS, Curve(samples), FAST)
 
 

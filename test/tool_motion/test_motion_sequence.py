@@ -107,23 +107,23 @@ def test_move_time_overrides_velocity(make, seconds):
 REFUSED = {
     'joints, then the tool': (
         to_pose(blend_radius=0.01),
-        r'blend_radius = 0.01 m: must be 0, as motions\[2\] is LINEAR_JOINT',
+        r'blend_radius = 0.01 m: must be 0, because motions\[2\] is LINEAR_JOINT',
     ),
     'a move time': (
         to_joints(blend_radius=0.01, move_time=1.0),
-        'move_time = 1 s: a motion that is blended does not begin and end at a time of its own',
+        'move_time = 1 s: must be 0 for a blended motion',
     ),
     'only the wrist turns': (
         to_joints(READY + np.eye(6)[5], blend_radius=0.01),
-        r'a blend of 0.01 m is longer than the way of the tool, which is .* m at most',
+        r'a blend of 0.01 m is longer than the largest distance of the tool from the corner, .* m',
     ),
     'joints there already': (
         to_joints(READY, blend_radius=0.01),
-        'the joints are there already',
+        'the joints are already there',
     ),
     'longer than the path': (
         to_joints(READY + 0.1 * np.eye(6)[0], blend_radius=0.2),
-        'a blend of 0.2 m is longer than the way of the tool, which is 0.0',
+        'a blend of 0.2 m is longer than the largest distance of the tool from the corner, 0.0',
     ),
     'too short': (
         to_joints(move_time=0.01),
@@ -131,8 +131,8 @@ REFUSED = {
     ),
     'tool, too short': (to_pose(move_time=0.02), r'LINEAR_CARTESIAN: '),
     'out of reach': (to_pose((2.0, 0.0, 0.0)), 'out of reach'),
-    'there already': (to_pose((0.0, 0.0, 0.0)), 'the tool is there already'),
-    'no arc': (to_pose((0.0, 0.1, 0.0), via=(0.0, 0.05, 0.0)), 'no arc leads'),
+    'there already': (to_pose((0.0, 0.0, 0.0)), 'the tool is already there'),
+    'no arc': (to_pose((0.0, 0.1, 0.0), via=(0.0, 0.05, 0.0)), 'no arc from'),
     'outside': (to_joints(READY + np.eye(6)[0] * 9.0), 'joint_1: target 9 is outside'),
 }
 
@@ -328,7 +328,7 @@ def test_random_joint_blends_respect_limits_or_are_refused(count):
             places = (ARM.forward(each)[:3, 3] for each in motion.positions)
             assert min(np.linalg.norm(place - corner) for place in places) < radius
     assert count < 10 or driven >= count / 2
-    assert all('longer than the way' in each or 'overlap' in each for each in reasons)
+    assert all('longer than the largest distance' in each or 'overlap' in each for each in reasons)
 
 
 def test_blend_of_the_last_motion_is_refused():

@@ -189,7 +189,7 @@ def test_other_capture_formats_are_read(options):
     ('data', 'text'),
     [
         (b'', 'shorter'),
-        (b'x' * 100, 'does not begin'),
+        (b'x' * 100, 'no pcap header'),
         (struct.pack('<I', 0x0A0D0D0A) + bytes(100), 'editcap'),
         (struct.pack('<IHHiIII', 0xA1B2C3D4, 2, 4, 0, 0, 65535, 105), 'link type 105'),
         (written() + struct.pack('<IIII', 0, 0, 2**31, 2**31), 'damaged'),

@@ -25,7 +25,7 @@ def delivery_rules(
     usual = profile.program.interface
     if 'statements' in (interface, usual) and interface != usual:
         raise ValueError(
-            f'parameter interface = {interface}: the controller {profile.name} takes {usual}'
+            f'parameter interface = {interface}: the controller {profile.name} supports {usual}'
         )
     if interface == 'download' and full:
         raise ValueError(
@@ -34,8 +34,8 @@ def delivery_rules(
         )
     if motoman and not full:
         raise ValueError(
-            f'parameter point_message = {message}: the controller {profile.name} takes '
-            'joint_traj_pt_full only'
+            f'parameter point_message = {message}: the controller {profile.name} '
+            'supports joint_traj_pt_full only'
         )
     download = profile.program.download
     return DeliveryRules(

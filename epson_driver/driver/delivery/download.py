@@ -45,8 +45,8 @@ class Download(Delivery):
     """Points as topics. From `rules`, `buffer`, `dead_time` and `uses` are used."""
 
     no_streams = (
-        'with interface: download the arm follows no streams of setpoints: it moves when all of a '
-        'trajectory is there; send trajectories'
+        'with interface: download the arm follows no setpoint streams, because it starts after '
+        'the last point of a trajectory: send trajectories'
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:

@@ -17,7 +17,7 @@ RESULTS: dict[int, str] = {
 """Texts of a MOTION_REPLY's results."""
 
 SUBCODES: dict[int, str] = {
-    Invalid.UNSPECIFIED: 'the reason is not known',
+    Invalid.UNSPECIFIED: 'unknown reason',
     Invalid.MSGSIZE: 'the size of the message',
     Invalid.MSGHEADER: 'the header of the message',
     Invalid.MSGTYPE: 'this type of message',
@@ -25,14 +25,14 @@ SUBCODES: dict[int, str] = {
     Invalid.SEQUENCE: 'the sequence',
     Invalid.COMMAND: 'the command',
     Invalid.DATA: 'the data',
-    Invalid.DATA_START_POS: 'the trajectory does not start where the arm stands',
+    Invalid.DATA_START_POS: 'the trajectory does not start at the position of the arm',
     Invalid.DATA_POSITION: 'a position',
     Invalid.DATA_SPEED: 'a velocity is above the limit',
     Invalid.DATA_ACCEL: 'an acceleration is above the limit',
     Invalid.DATA_INSUFFICIENT: 'time, position or velocity is missing',
     Invalid.DATA_TIME: 'the time',
     Invalid.DATA_TOOLNO: 'the number of the tool',
-    NotReady.UNSPECIFIED: 'the reason is not known',
+    NotReady.UNSPECIFIED: 'unknown reason',
     NotReady.ALARM: 'there is an alarm: reset it',
     NotReady.ERROR: 'there is an error: reset it',
     NotReady.ESTOP: 'the E-stop is pressed',
@@ -63,5 +63,5 @@ def reply_rejection(packet: Packet) -> str | None:
         return None
     text = RESULTS.get(message.result, f'result {message.result}')
     if message.subcode:
-        text += f', {message.subcode}: {SUBCODES.get(message.subcode, "not a known subcode")}'
+        text += f', {message.subcode}: {SUBCODES.get(message.subcode, "unknown subcode")}'
     return text

@@ -42,14 +42,14 @@ MOST_CHARACTERS = 4060
 """Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
 
 NO_PLANS = (
-    'a plan of {} points: by Remote Ethernet alone the controller takes no points and times: send '
-    'its last point alone, or motion primitives (move_joints, move_line, move_arc in Python), or '
-    'load the controller program'
+    'a plan of {} points: over Remote Ethernet alone the controller accepts no points and times. '
+    'Send only its last point, or motion primitives (move_joints, move_line, move_arc in Python), '
+    'or load the controller program'
 )
 
 FIXED_SPEED = (
-    'by Remote Ethernet alone the controller takes no other speed while it moves, and no pause: '
-    'give each motion its speed, or stop it'
+    'over Remote Ethernet alone the controller cannot change the speed during a motion, or pause: '
+    'set the speed of each motion, or stop it'
 )
 
 
@@ -98,8 +98,8 @@ class StatementDelivery(Delivery):
     """
 
     no_streams = (
-        'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at '
-        'rest; send motions one by one, or load the controller program'
+        'over Remote Ethernet alone the arm follows no streams, because it stops after each '
+        'statement: send single motions, or load the controller program'
     )
 
     def __init__(

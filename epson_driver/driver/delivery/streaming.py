@@ -74,8 +74,8 @@ class FullStreaming(Delivery):
     """Points as JOINT_TRAJ_PT_FULL requests: time, positions, velocities."""
 
     no_streams = (  # a controller that interpolates by time stops abruptly if a point is late
-        'with point_message: joint_traj_pt_full the arm follows no streams of setpoints: the '
-        'controller would stop abruptly whenever one comes late; send trajectories'
+        'with point_message: joint_traj_pt_full the arm follows no setpoint streams, because the '
+        'controller stops abruptly if a point is late: send trajectories'
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:

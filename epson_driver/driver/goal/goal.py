@@ -289,11 +289,11 @@ class Arrival:
             return 'the controller acknowledged all points, but the arm did not move'
         distance, tolerance = self._distance, self._goal.goal_tolerance
         if np.all(distance <= tolerance):
-            return 'the arm stands nearer to where it was than to the goal'
+            return 'the arm stopped closer to its start than to the goal'
         joint = int(np.argmax(distance - tolerance))
         name, unit = self._goal.trajectory.joint_names[joint], self._goal.unit(joint)
         return (
-            f'the arm stands, and {name} is {distance[joint]:.6g} {unit} from the goal: '
+            f'the arm is at rest, but {name} is {distance[joint]:.6g} {unit} from the goal: '
             f'the tolerance is {tolerance[joint]:.6g} {unit}'
         )
 

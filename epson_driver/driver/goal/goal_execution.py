@@ -156,7 +156,7 @@ class GoalExecution:
     def where(self) -> str:
         """Progress of the goal, as a clause."""
         first = self._schedule is None
-        return 'before its first point' if first else f'on the way to point {self.target}'
+        return 'before its first point' if first else f'moving to point {self.target}'
 
     @property
     def ended(self) -> bool:
@@ -242,12 +242,12 @@ class GoalExecution:
 
     def cancel(self, now: float) -> None:
         """Stop because the goal was canceled. It ends as canceled when the arm is at rest."""
-        outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled; the arm stands')
+        outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled, the arm is at rest')
         self._stop(GoalEvent.CANCEL, outcome, now)
 
     def stop(self, why: str, now: float) -> None:
         """Stop for another reason. The goal ends as aborted when the arm is at rest."""
-        outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}; the arm stands')
+        outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}, the arm is at rest')
         self._stop(GoalEvent.STOP, outcome, now)
 
     def pause(self, now: float) -> None:
@@ -255,7 +255,7 @@ class GoalExecution:
         if self.state is GoalState.PREPARING:
             self._step(GoalEvent.PAUSE)
             return
-        outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'paused; the arm stands')
+        outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'paused, the arm is at rest')
         self._stop(GoalEvent.PAUSE, outcome, now)
 
     def resume(self, sample: JointSample, limits: JointLimits, tolerance: float) -> None:
@@ -356,7 +356,7 @@ class GoalExecution:
             else:
                 self._end_at_once(GoalEvent.FAULT, 'it reports no error', unexplained=True)
         elif self._cause_waited > patience:
-            self._end_at_once(GoalEvent.FAULT, 'no status came that says why', unexplained=True)
+            self._end_at_once(GoalEvent.FAULT, 'no status shows the cause', unexplained=True)
 
     def _send_stop(self) -> None:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops anyway
@@ -439,8 +439,8 @@ class GoalExecution:
         why = '' if self._planned_speed is None or own else self._planned_speed.deviation(timing)
         if not why:
             return ''
-        _log.warning('a motion ran at another speed than planned: %s', why)
-        return f'; {why}'
+        _log.warning('a motion %s', why)
+        return f', it {why}'
 
     def _check_patience(self, now: float) -> None:
         if self.ended:
@@ -526,12 +526,12 @@ class GoalExecution:
         if violation is None:
             return
         self._rejection = (
-            f'path tolerance violated {self.where}, {self._plan_time:.3g} s: {violation}'
+            f'path tolerance violated ({self.where}, {self._plan_time:.3g} s): {violation}'
         )
         outcome = Outcome(
             End.ABORTED,
             ErrorCode.PATH_TOLERANCE_VIOLATED,
-            f'{self._rejection}; the arm was stopped and stands',
+            f'{self._rejection}, the arm was stopped and is at rest',
         )
         self._stop(GoalEvent.STOP, outcome, now)
 

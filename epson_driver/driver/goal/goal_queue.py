@@ -310,7 +310,7 @@ class GoalQueue:
         if execution.paused and not was_paused:
             _log.info('the controller is paused: the motion waits %s', execution.where)
         elif was_paused and not execution.paused and not execution.ended:
-            _log.info('the controller goes on: so does the motion, %s', execution.where)
+            _log.info('the controller is no longer paused: the motion resumes %s', execution.where)
 
     @property
     def _purpose(self) -> Purpose:
@@ -369,7 +369,7 @@ class GoalQueue:
         handle.cancel_task()
         if handle.execution.state is GoalState.PAUSED:
             return 'motions are paused'
-        return 'pausing: the arm brakes, and the motion waits'
+        return 'pausing: the arm brakes, then the motion waits'
 
     def _resume(self, handle: GoalHandle, execution: GoalExecution, now: float) -> None:
         """Continue a paused goal if it may resume."""
@@ -444,7 +444,7 @@ class GoalQueue:
         self._changed.notify_all()
         handle.on_end(outcome)
         if not aftermath.at_rest:
-            self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
+            self.end_waiting(f'the goal before it did not stop the arm: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:
             self._stopper.goal_reached()
         if self._stopper.over:

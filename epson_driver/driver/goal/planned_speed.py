@@ -20,8 +20,9 @@ from epson_driver.profiles.profile_rules import FieldsUsed
 MIN_DEVIATION_SHARE = 0.2
 """Relative difference between actual and planned time that counts as another speed."""
 
-MIN_DEVIATION_S = 0.3
-"""Minimum absolute difference, s, because detecting the standstill takes part of it."""
+MIN_FASTER_S, MIN_SLOWER_S = 0.3, 0.5
+"""Minimum absolute difference, s. A slower motion may be a short one with the usual start delay of
+the controller, and detecting the standstill takes part of the time."""
 
 MAX_FASTER = 1.25
 """Tolerated factor by which the controller may be faster than a plan's fastest joint."""
@@ -29,10 +30,10 @@ MAX_FASTER = 1.25
 REMEDY = "lower the controller's own speed (in its program, or by the override of its pendant)"
 
 WHY = {
-    FieldsUsed.NOTHING: 'this kind of controller ignores the velocities and durations of points',
-    FieldsUsed.VELOCITY: 'this kind of controller ignores durations and goes by the velocities',
-    FieldsUsed.DURATION: 'the controller took another time than its points say',
-    FieldsUsed.BOTH: 'the controller took another time than its points say',
+    FieldsUsed.NOTHING: 'this controller ignores point velocities and durations',
+    FieldsUsed.VELOCITY: 'this controller ignores point durations and uses the velocities',
+    FieldsUsed.DURATION: 'this controller did not keep the point durations',
+    FieldsUsed.BOTH: 'this controller did not keep the point durations',
 }
 
 
@@ -46,8 +47,9 @@ class Timing:
     @property
     def deviates(self) -> bool:
         """Whether the goal ran at another speed than planned."""
-        limit = max(MIN_DEVIATION_S, MIN_DEVIATION_SHARE * self.planned)
-        return abs(self.executed - self.planned) > limit
+        late = self.executed - self.planned
+        least = MIN_SLOWER_S if late > 0.0 else MIN_FASTER_S
+        return abs(late) > max(least, MIN_DEVIATION_SHARE * self.planned)
 
 
 class PlannedSpeed:
@@ -70,7 +72,7 @@ class PlannedSpeed:
         if self.unplanned:
             self._fixed = f'{self._why}: {REMEDY}'
         if statements:
-            self._why = f'the controller plans motions by itself (power {rules.power})'
+            self._why = f'the controller plans motions itself (power {rules.power})'
             self._fixed = self._no_pause = FIXED_SPEED
         elif self._downloads:
             self._no_pause = 'the controller has all points of a download: stop the arm instead'
@@ -81,7 +83,7 @@ class PlannedSpeed:
         """Return a clause with both times and the reason, or '' if they are about the same."""
         if not timing.deviates:
             return ''
-        return f'executed in {timing.executed:.3g} s, planned {timing.planned:.3g} s: {self._why}'
+        return f'took {timing.executed:.3g} s instead of {timing.planned:.3g} s: {self._why}'
 
     def check_factor(self, factor: float, running: Trajectory | None) -> None:
         """Raise ValueError if the arm would not move at this speed scaling.

@@ -59,7 +59,7 @@ class PlanningScope:
 
         def look() -> None:
             if left.is_set():
-                raise PlanningEndedError(self.why or 'the result is not needed any more')
+                raise PlanningEndedError(self.why or 'the result is no longer needed')
 
         planning = loop.run_in_executor(None, copy_context().run, work, look)
         planning.add_done_callback(lambda done: _take(done, left=left.is_set()))
@@ -101,4 +101,4 @@ def _take(done: 'asyncio.Future[T]', *, left: bool) -> None:
         return
     error = done.exception()
     if left and error is not None and not isinstance(error, ValueError | PlanningEndedError):
-        _log.warning('planning failed, for a goal that was given up: %r', error)
+        _log.warning('planning of a cancelled goal failed: %r', error)

@@ -74,7 +74,7 @@ class Gripper:
         while True:
             inputs = await self._inputs()
             if command != self._commands:
-                raise GripperError('a newer command took its place')
+                raise GripperError('replaced by a newer command')
             if inputs == (opened, not opened):
                 return GripperState(*inputs)
             left = ends - asyncio.get_running_loop().time()

@@ -47,8 +47,8 @@ from epson_driver.simple_message import (
 )
 
 NOT_READY = (
-    'not ready (error 20): the controller takes this only in AUTO, while no task runs, the arm '
-    'stands and there is no error'
+    'not ready (error 20): the controller accepts this only in AUTO, at rest, without running '
+    'tasks and without an error'
 )
 
 HEXADECIMAL, DECIMAL = 16, 10
@@ -116,7 +116,7 @@ async def _told(ask: Ask, command: str, timeout: float) -> Told:
     try:
         return Told(int(answer.strip('" '), base))
     except ValueError as error:
-        raise ConnectionError(f"'{answer[:40]}' is no answer to {command}") from error
+        raise ConnectionError(f"'{answer[:40]}' is not a reply to {command}") from error
 
 
 def _reading(item: IoAddress) -> str:
@@ -204,7 +204,7 @@ class Io:
         async def nothing() -> None:
             """Do nothing: reading causes no motion that must be stopped."""
 
-        parts = {'asking for the I/O': self._ask}
+        parts = {'querying the I/O': self._ask}
         if self.link is None:
             self._wake.set()
         else:
@@ -323,7 +323,7 @@ class Io:
                     each: packed(each, values[held]) for each in ranges if each.io_type == group
                 }
         if not values:
-            why = why or 'the controller has no I/O whose values can be shown'
+            why = why or 'the controller has no readable I/O'
             raise IoUnavailableError(why, passing=passing)
         return tuple(
             IoValues(held.io_type, held.start, values[held]) for held in ranges if held in values
@@ -335,7 +335,7 @@ class Io:
             return
         if not self.states and not self._passing:
             points = sum(len(item.values) for item in states)
-            more = f'; not all can be read: {missing}' if missing else ''
+            more = f', partly unreadable: {missing}' if missing else ''
             _log.info('I/O: %d points in %d ranges%s', points, len(states), more)
         self._passing = False
         self.states = states

@@ -45,10 +45,10 @@ from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS,
 MAX_MESSAGE_ID = 2**31 - 1
 
 REFUSED = (
-    'the controller refused the I/O request: its I/O server does not run now (E-stop, stop or '
-    'pause), or it does not know I/O requests'
+    'the controller refused the I/O request: its I/O server is stopped (E-stop, stop or pause), '
+    'or does not support I/O requests'
 )
-NO_SENSE = 'the reply of the I/O server makes no sense'
+NO_SENSE = 'invalid reply of the I/O server'
 
 R = TypeVar('R', IoInfoReply, IoReadReply, IoWriteReply)
 
@@ -192,7 +192,7 @@ def _check_addresses(
     """Raise IoUnavailableError unless the reply's items match the requested ones."""
     answered = [(item.io_type, item.index) for item in reply.items]
     if answered != [(item.io_type, item.index) for item in asked]:
-        raise IoUnavailableError('the reply of the I/O server is about other points', sent=True)
+        raise IoUnavailableError('the reply of the I/O server has other points', sent=True)
 
 
 FIRST_GROUP = {

@@ -184,7 +184,7 @@ def sentence(result: int, io_type: int, index: int, value: int | None, ranges: R
     if result == IoResult.SUCCESS:
         return ''
     rule = _RULES.get(result)
-    why = rule(io_type, index, ranges) if rule else f'result {result}, which has no meaning here'
+    why = rule(io_type, index, ranges) if rule else f'result {result}, which is unknown'
     return f'{_address(io_type, index, value)}: {why}'
 
 
@@ -196,11 +196,11 @@ def _address(io_type: int, index: int, value: int | None) -> str:
 def _no_type(io_type: int, _index: int, _ranges: Ranges) -> str:
     if io_type in NAMES:
         return f'the controller has no {NAMES[IoType(io_type)]}'
-    return f'there is no such type, only {min(NAMES)} to {max(NAMES)}'
+    return f'unknown type, must be {min(NAMES)} to {max(NAMES)}'
 
 
 def _not_by_type(io_type: int, _index: int, _ranges: Ranges) -> str:
-    return 'an input cannot be written' if io_type in INPUTS else 'its type cannot do this'
+    return 'an input cannot be written' if io_type in INPUTS else 'not supported by this type'
 
 
 def _no_index(io_type: int, _index: int, ranges: Ranges) -> str:
@@ -209,7 +209,7 @@ def _no_index(io_type: int, _index: int, ranges: Ranges) -> str:
         for held in ranges
         if held.io_type == io_type and held.count > 0
     ]
-    return f'the controller has {" and ".join(has)}' if has else 'there is no such index'
+    return f'the controller has {" and ".join(has)}' if has else 'unknown index'
 
 
 def _no_value(io_type: int, index: int, ranges: Ranges) -> str:
@@ -236,7 +236,7 @@ def _most(group: int, ranges: Ranges) -> int:
 _RULES: dict[int, Callable[[int, int, Ranges], str]] = {
     IoResult.TYPE_UNSUPPORTED: _no_type,
     IoResult.TYPE_FEATURE_UNSUPPORTED: _not_by_type,
-    IoResult.INDEX_FEATURE_UNSUPPORTED: lambda *_: 'this index cannot do this',
+    IoResult.INDEX_FEATURE_UNSUPPORTED: lambda *_: 'not supported by this index',
     IoResult.INDEX_OUT_OF_RANGE: _no_index,
     IoResult.VALUE_OUT_OF_RANGE: _no_value,
 }

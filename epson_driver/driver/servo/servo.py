@@ -263,7 +263,7 @@ class Servo:
         if setpoint.positions is not None and not self._at(setpoint.positions):
             if (found := self._why_not(Purpose.LET_GO, now)) is not None:
                 return self._refuse(setpoint, found.cause, found.said)
-            text = f'it holds still: it must move on, or be silent for {RELEASE_S:g} s first'
+            text = f'it holds its position: it must move, or pause for {RELEASE_S:g} s first'
             return self._refuse(setpoint, 'far', text)
         return None
 
@@ -280,7 +280,7 @@ class Servo:
         if session is None:
             return False
         self._session = None
-        _log.warning('the stream on %s is not followed any more: %s', session.source, why)
+        _log.warning('the stream on %s is no longer followed: %s', session.source, why)
         self._stopper.stop()
         return True
 
@@ -317,7 +317,7 @@ class Servo:
         if (found := self._why_not(Purpose.STREAM, now)) is not None:
             return self._refuse(setpoint, found.cause, found.said)
         if (waited := now - came) > self.settings.timeout:
-            text = f'this driver was held up for {waited:.3g} s after it came'
+            text = f'this driver was delayed by {waited:.3g} s after receiving it'
             return self._refuse(setpoint, 'old', text)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
@@ -332,8 +332,7 @@ class Servo:
         if self._interlock.permits(setpoint.source):
             return None
         return 'blocked', (
-            f'it must be let go of first: {RELEASE_S:g} s without a message, or with none that '
-            'asks for motion'
+            f'it must be released first: {RELEASE_S:g} s without a message that requests motion'
         )
 
     def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> tuple[str, str] | None:
@@ -341,7 +340,7 @@ class Servo:
         limits, tolerance = self._limits, self.settings.start_tolerance
         inside = np.clip(sample.positions, limits.position_min, limits.position_max)
         wanted = inside if setpoint.positions is None else setpoint.positions
-        for what, there in (('it begins', wanted), ('its range begins', inside)):
+        for what, there in (('it starts', wanted), ('its range starts', inside)):
             apart = np.abs(there - sample.positions)
             joint = int(np.argmax(apart))
             if apart[joint] > tolerance:
@@ -432,7 +431,7 @@ class Servo:
             return
         self.counts.clipped += 1
         if (line := self._clipped_throttle.line(beyond, now)) is not None:
-            _log.warning('a setpoint on %s goes as far as it may: %s', setpoint.source, line)
+            _log.warning('a setpoint on %s clipped to the joint limit: %s', setpoint.source, line)
 
     def _note_behind(self, session: _Session, behind: float) -> None:
         session.behind = behind
@@ -440,11 +439,10 @@ class Servo:
             return
         session.said_behind = True
         _log.warning(
-            'the stream on %s has left the arm %.2g s behind, by a gap or by speed: it is '
-            'followed at most %g times as fast as it goes itself (servo.catch_up), with %g of the '
-            'limits (servo.scale)',
-            session.source,
+            'the arm is %.2g s behind the stream on %s (gap or too fast), catching up at most at '
+            '%g times its speed (servo.catch_up) and %g of the limits (servo.scale)',
             behind,
+            session.source,
             self.settings.catch_up,
             self.settings.share,
         )
@@ -496,7 +494,7 @@ class Servo:
             session.braked = True
             self._let_go(session, now)
         elif min(gap, now - session.heard) > RELEASE_S and not session.tracker.at_rest:
-            self.stop(f'this driver was held up for {gap:.3g} s')  # the arm may be at rest by now
+            self.stop(f'this driver was delayed by {gap:.3g} s')  # the arm may be at rest by now
         elif session.waiting:
             session.posted += max(gap - MAX_COUNTED_GAP_S, 0.0)  # its reply may be unread
             waited = now - max(session.posted, session.standstill.alive)
@@ -674,7 +672,7 @@ class Servo:
         """Restart the stream from the current position if motion was requested since its STOP."""
         self._session = None
         if session.setpoint.at_rest or self._silent(session, now):
-            _log.info('the stream on %s has ended, and the arm stands', session.source)
+            _log.info('the stream on %s has ended, and the arm is at rest', session.source)
         else:
             self._try_to_begin(session.setpoint, now, session.heard)
 
@@ -692,7 +690,7 @@ class Servo:
         self._session = None
         if self._at(session.sent):
             self._stopper.goal_reached()
-        _log.info('the stream on %s has ended, and the arm stands', session.source)
+        _log.info('the stream on %s has ended, and the arm is at rest', session.source)
 
     def _break_off(
         self,

@@ -197,7 +197,7 @@ def _too_fast(velocities: Array, limits: JointLimits, what: str) -> str | None:
     joint = int(wrong[0, -1])
     return (
         f'{limits.names[joint]}: {what} {velocities[tuple(wrong[0])]:.6g} {limits.units[joint]}/s '
-        f'is beyond what the joint can do, {limits.velocity[joint]:.6g} {limits.units[joint]}/s'
+        f'is above the joint limit, {limits.velocity[joint]:.6g} {limits.units[joint]}/s'
     )
 
 

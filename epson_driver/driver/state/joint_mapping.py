@@ -77,7 +77,7 @@ def joint_mapping(
     SIGNS.checked(list(signs), 'parameter joint_signs')
     OFFSETS.checked(list(offsets), 'parameter joint_offsets')
     if j23_factor and joints < 3:
-        raise ValueError(f'parameter j23_factor = {j23_factor}: there are {joints} joints')
+        raise ValueError(f'parameter j23_factor = {j23_factor}: must be 0 for {joints} joints')
     return JointMapping(
         np.ones(joints) * np.array(signs, dtype=float),
         np.zeros(joints) + np.array(offsets, dtype=float),

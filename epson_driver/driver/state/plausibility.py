@@ -67,8 +67,8 @@ class JointBounds:
             if not low <= value <= high
         )
         return (
-            f'{self.names[joint]} is reported at {value:.6g} {self.units[joint]}: with '
-            f'its margin it can be at {low:.6g} … {high:.6g}'
+            f'{self.names[joint]} is reported at {value:.6g} {self.units[joint]}, '
+            f'outside its range with margin, {low:.6g} … {high:.6g}'
         )
 
     def why_not_from(
@@ -83,8 +83,8 @@ class JointBounds:
                 unit = self.units[joint]
                 return (
                     f'{self.names[joint]} is reported to have jumped by '
-                    f'{value - before[joint]:.6g} {unit} in {elapsed:.3g} s: it can go '
-                    f'{farthest:.3g} {unit} in that time'
+                    f'{value - before[joint]:.6g} {unit} in {elapsed:.3g} s: possible '
+                    f'are {farthest:.3g} {unit}'
                 )
         return None
 
@@ -96,7 +96,7 @@ class JointBounds:
             if abs(value) > self.fastest[joint]:
                 return (
                     f'{self.names[joint]} is reported to move at {value:.6g} '
-                    f'{self.units[joint]}/s: with its margin it can reach '
+                    f'{self.units[joint]}/s: possible with margin are '
                     f'{self.fastest[joint]:.3g}'
                 )
         return None

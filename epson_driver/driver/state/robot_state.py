@@ -64,7 +64,7 @@ due: a controller's program may be delayed between measuring and sending."""
 DISTRUST_TIME_S = 1.0
 """Time after an implausible joint state in which no motion may start, s."""
 
-WITHHELD = 'the controller tells no joints now, as it moves the arm or cannot move it: '
+WITHHELD = 'the controller sends no joints while it moves the arm or cannot move it: '
 
 MAX_TIME_RESOLUTION_S = 0.0004
 """Coarsest resolution of a controller's time stamps, s: 1 % of the velocity window."""
@@ -263,7 +263,7 @@ class RobotState:
         if abs(speed) >= stopped_velocity:
             return f'{bounds.names[fastest]} at {speed:.3g} {bounds.units[fastest]}/s'
         if self.in_motion == TriState.TRUE:
-            return 'the controller says so'
+            return 'in_motion of the controller'
         window = self._velocity.in_window()
         for joint, value in enumerate(window[-1] if window else ()):
             moved = max(abs(value - each[joint]) for each in window)

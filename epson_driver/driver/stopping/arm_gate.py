@@ -5,6 +5,9 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
+DISABLED = 'disabled on request'
+"""The reason of a gate that was closed by a request."""
+
 
 class GateError(RuntimeError):
     """The gate stays closed because it was closed again after the request to open it."""

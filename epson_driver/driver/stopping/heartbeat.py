@@ -120,7 +120,7 @@ class Heartbeat:
         self.longest_gap = max(self.longest_gap, hung)
         if hung <= self._timeout * (0.5 if stopped else 1.0):
             return None
-        why = f'this driver hung for {hung:.3g} s: the controller waits {self._timeout:g} s for it'
+        why = f'this driver was stalled for {hung:.3g} s, the controller waits {self._timeout:g} s'
         if not self._reported:
             self._reported, why = True, f'{BUSY}{why}{REMEDY}'
         self._sent = _now()

@@ -58,7 +58,7 @@ class Action(Enum):
 
 
 MOTOMAN_LOOK = (
-    'the controller does not tell why; see whether a safeguard door is open, an E-stop is '
+    'the controller reports no cause: check whether a safeguard door is open, an E-stop is '
     'pressed, or the pendant shows an alarm, or is not in REMOTE mode'
 )
 """Checks for the operator when the servos of a Motoman do not switch on."""
@@ -186,7 +186,7 @@ class RestartingMotors(RemoteEthernetMotors):
                 while 'Ready' not in (await ask_flags(ask))[0]:  # noqa: ASYNC110 - it sends no events
                     await asyncio.sleep(READY_PERIOD_S)
         except TimeoutError as error:
-            text = 'not Ready: the arm still moves, or a task runs that Stop does not end'
+            text = 'not Ready: the arm is still moving, or a task runs that Stop does not end'
             raise ConnectionError(text) from error
         await ask(action.value.remote_ethernet)
         if action is Action.MOTORS_ON:
@@ -268,7 +268,7 @@ class SerializedMotors:
         except asyncio.CancelledError:
             caller = asyncio.current_task()
             if task.cancelled() and caller is not None and not caller.cancelling():
-                raise MotorsError('the driver has ended meanwhile', unanswered=True) from None
+                raise MotorsError('the driver has ended', unanswered=True) from None
             if task is not self._given:
                 task.cancel()
             raise

@@ -165,15 +165,15 @@ class Stopper:
         if self._since is None:
             return None
         if self._unseen:
-            return 'no joint state shows whether the arm stands'
-        return 'the arm moves' if self._moves() else 'no STATUS shows that the arm stands'
+            return 'no joint state shows whether the arm is at rest'
+        return 'the arm is moving' if self._moves() else 'no STATUS shows that the arm is at rest'
 
     @property
     def stands(self) -> str:
         """The arm's motion state, as a clause: at rest, moving or unknown."""
         if self._unseen:
-            return 'no joint state shows whether the arm stands'
-        return 'the arm still moves' if self._moves() else 'the arm stands'
+            return 'no joint state shows whether the arm is at rest'
+        return 'the arm is still moving' if self._moves() else 'the arm is at rest'
 
     @property
     def _unseen(self) -> bool:
@@ -289,7 +289,7 @@ class Stopper:
         if not taken and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
         if self._alarm_since is not None:
-            _log.warning('the arm stands %.2f s after STOP', now - (self._since or now))
+            _log.warning('the arm is at rest %.2f s after STOP', now - (self._since or now))
         self._ours = self._ours and not self._acknowledged
         self._since = None
         self._look_no_more()
@@ -313,7 +313,7 @@ class Stopper:
         waited = self._looks * CHECK_PERIOD_S
         self._look_later()
         if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIMEOUT_S:
-            self.raise_alarm(f'the arm still moves {BRAKING_TIMEOUT_S:g} s after STOP')
+            self.raise_alarm(f'the arm is still moving {BRAKING_TIMEOUT_S:g} s after STOP')
         elif self._unsent is None and self._powered():
             if self._rejection is not None:
                 if (self._looks - self._rejected_look) * CHECK_PERIOD_S > CAUSE_TIMEOUT_S:
@@ -344,7 +344,7 @@ class Stopper:
                 _log.error(text)
             self._said = text
         else:
-            _log.error('the arm moved in spite of STOP: the motors were switched off')
+            _log.error('arm still moving after STOP: motors switched off')
 
     def _powered(self) -> bool:
         """Return whether the motors may be on, that is, STATUS does not report them off."""

@@ -150,7 +150,7 @@ class Replanning:
         except Exception as error:
             self.planner_errors += 1
             if repr(error) != repr(self.planner_error):  # log a repeated failure only once
-                log.exception('the planner failed, and the motion goes on as planned before')
+                log.exception('the planner failed, so the current plan continues')
             self.planner_error = error
             return None
 

@@ -167,7 +167,7 @@ class Smoother:
         self.violations += 1
         self.violation = violation
         log.error(
-            'the smooth motion is not what was planned, and the arm brakes: %s (violation %d)',
+            'the smooth motion deviates from the plan, so the arm brakes: %s (violation %d)',
             violation,
             self.violations,
         )

@@ -16,7 +16,7 @@ const $ = (id) => document.getElementById(id);
 const element = (tag, text = '', className = '') => Object.assign(document.createElement(tag), { textContent: text, className });
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 
-const NOBODY = { colour: 'unknown', reason: 'no driver is found', remedy: 'start one, in the ROS domain of the panel (ROS_DOMAIN_ID)' };
+const NOBODY = { colour: 'unknown', reason: 'no driver found', remedy: 'start one in the ROS domain of the panel (ROS_DOMAIN_ID)' };
 
 let unheard = false; // a STOP that no robot was there for
 let socket = null, chosen = '', heard = -Infinity, stopAt = null, controls = {}, arm = null, way = 0;
@@ -25,17 +25,17 @@ let socket = null, chosen = '', heard = -Infinity, stopAt = null, controls = {},
 const send = (request) => {
   const at = performance.now() / 1e3;
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ robot: chosen, at, ...request }));
-  else if (request.do !== 'alive') note('Not done: the panel does not answer');
+  else if (request.do !== 'alive') note('Not done: no reply from the panel');
   return at;
 };
 
 let view = null;
 try {
   view = makeView($('scene'), $('view'));
-  say('view-note', 'orange: the plan · blue: driven · drag to turn');
+  say('view-note', 'orange: plan · blue: actual · drag to rotate');
 } catch {
   $('view').classList.add('none');
-  say('view-note', `No 3D view: this browser has no WebGL. All else works without it.`);
+  say('view-note', `No 3D view: this browser has no WebGL. Everything else works without it.`);
 }
 const curves = new Curves($('plots'));
 const hand = new Hand(send);
@@ -146,7 +146,7 @@ const parts = {
     $('arm').hidden = armed;
     $('arm').disabled = Boolean(found.forbidden);
     $('disarm').hidden = !armed;
-    say('armed-note', { yes: 'This window is armed: what moves the robot works here.', no: found.forbidden || 'Arm this window to move the robot.', other: 'Another window is armed.' }[found.armed]);
+    say('armed-note', { yes: 'This window is armed: motion buttons work here.', no: found.forbidden || 'Arm this window to move the robot.', other: 'Another window is armed.' }[found.armed]);
     if (!armed && found.speed !== null) {
       $('speed').value = Math.round(100 * found.speed);
       say('percent', `${$('speed').value} %`);
@@ -296,8 +296,8 @@ setInterval(alive, ALIVE_MS);
 setInterval(() => {
   const now = performance.now(), gone = now - heard > SILENT_MS, lost = stopAt !== null && (gone || now - 1e3 * stopAt > ANSWER_MS);
   document.body.classList.toggle('gone', gone || lost);
-  say('silence-text', lost ? 'STOP was not delivered: the panel did not answer. Press the E-stop.'
-    : gone ? 'No news from the panel: what is shown may be wrong, and STOP does not work. Press the E-stop.' : '');
+  say('silence-text', lost ? 'STOP was not delivered: no reply from the panel. Press the E-stop.'
+    : gone ? 'No connection to the panel: the display may be wrong, and STOP does not work. Press the E-stop.' : '');
   if (gone) hand.end();
 }, 100);
 
@@ -307,7 +307,7 @@ const stop = (word) => {
   hand.end();
   stopAt = send({ do: word });
   if (chosen) return;
-  parts.alarms(['STOP was not delivered: no driver is found. Press the E-stop.']);
+  parts.alarms(['STOP was not delivered: no driver found. Press the E-stop.']);
   unheard = true;
 };
 $('stop').addEventListener('click', () => stop('stop'));

@@ -37,14 +37,14 @@ export class Points {
 
   teach() {
     if (!this.here) {
-      this.note('Not taught: it is not known where the arm is');
+      this.note('Not taught: the position of the arm is unknown');
       return;
     }
     let number = 1;
     while (`point_${number}` in this.points) number++;
     const name = $('point-name').value.trim() || `point_${number}`;
     if (!NAME.test(name)) {
-      this.note(`Not taught: ${name} is no name: letters, digits and _, at most 32, not P and a number`);
+      this.note(`Not taught: ${name} must be a name: letters, digits and _, at most 32, not P and a number`);
       return;
     }
     const { tool } = this.here;
@@ -146,7 +146,7 @@ function read(text) {
   text.split('\n').forEach((line, i) => {
     if (!line.trim() || line.trim().startsWith('#')) return;
     const match = LINE.exec(line.trim());
-    if (!match) throw new Error(`line ${i + 1} is no point`);
+    if (!match) throw new Error(`line ${i + 1} is not a point`);
     const fields = match[2].split(',').map((each) => each.split(':').map((part) => part.trim()));
     found[match[1]] = { u: 0, v: 0, w: 0, ...Object.fromEntries(fields.map(([field, value]) => [field, value ? Number(value) : NaN])) };
   });

@@ -108,7 +108,7 @@
 
   $('title').textContent = runs.map((run) => (compare ? `${letter(runs.indexOf(run))}: ` : '') + run.figures.source).join('  ·  ');
   $('subtitle').textContent = runs.map((run) => `${run.figures.began.replace('T', ' ').slice(0, 19)} UTC, ${run.figures.duration_s.toFixed(1)} s`)
-    .join('  ·  ') + `  ·  ${data.description}` + (compare ? '  ·  0 s: the arm begins to move' : '');
+    .join('  ·  ') + `  ·  ${data.description}` + (compare ? '  ·  0 s: start of the motion' : '');
   const legend = (text, colour, dashed) => {
     const made = element('span');
     const mark = made.appendChild(element('i', null, dashed ? 'dashed' : ''));
@@ -127,11 +127,11 @@
       const worst = Math.max(...motionsOf(run).map((m) => m.dead_time_s));
       return Number.isFinite(worst) ? [(worst * 1e3).toFixed(0), 'ms'] : ['–', ''];
     }],
-    ['stops not planned', (run) => {
+    ['unplanned stops', (run) => {
       const stops = motionsOf(run).reduce((sum, m) => sum + (m.stops || 0), 0);
       return [stops, '', stops > 0];
     }],
-    ['off a point at most', (run) => {
+    ['largest waypoint error', (run) => {
       const worst = Math.max(...motionsOf(run).map((m) => m.waypoint_deviation ?? -1));
       return worst >= 0 ? [(worst * 1e3).toFixed(1), mixed ? 'mrad or mm' : milli] : ['–', ''];
     }],
@@ -140,7 +140,7 @@
       return Number.isFinite(share) ? [(share * 100).toFixed(0), '% of the limit'] : ['–', ''];
     }],
     ['joint states', (run) => [fixed(run.figures.joint_states.rate_hz, 0), 'Hz']],
-    ['longest gap in them', (run) => [fixed(run.figures.joint_states.between_longest_s * 1e3, 0), 'ms', run.figures.joint_states.between_longest_s > 0.3]],
+    ['longest joint state gap', (run) => [fixed(run.figures.joint_states.between_longest_s * 1e3, 0), 'ms', run.figures.joint_states.between_longest_s > 0.3]],
     ['errors and warnings', (run) => {
       const count = run.figures.events.filter((each) => each.level !== 'info').length;
       return [count, '', count > 0];
@@ -175,11 +175,11 @@
   ]);
   const messageHeads = ['message', 'from', 'count', 'Hz', 'median', '99 %', 'longest'];
   $('messages').append(table(compare ? ['run', ...messageHeads] : messageHeads, messageRows, [2, 3, 4, 5, 6].map((i) => i + compare)),
-    element('p', 'Times between two messages of a kind; of what was answered, from request to reply.'));
+    element('p', 'Time between two messages of a kind, and from a request to its reply.'));
   for (const run of runs) {
     const who = compare ? `${letter(runs.indexOf(run))}: ` : '';
     for (const note of run.figures.notes) $('notes').append(element('li', who + note));
-    if (run.stride > 1) $('notes').append(element('li', `${who}drawn is every ${run.stride}th of ${run.figures.joint_states.count} joint states; the figures are of all`));
+    if (run.stride > 1) $('notes').append(element('li', `${who}the curves show every ${run.stride}th of ${run.figures.joint_states.count} joint states, the figures use all`));
     if (run.events_left_out) $('notes').append(element('li', `${who}${run.events_left_out} more events are in the JSON`));
   }
   $('notes').append(element('li', 'velocities that the controller does not send, and all accelerations, are those of a parabola fitted to 60 ms of joint states'));
@@ -203,7 +203,7 @@
     view = makeView();
   } catch {
     $('view').classList.add('none');
-    $('view-note').textContent = 'No 3D view: this browser has no WebGL. All else works without it.';
+    $('view-note').textContent = 'No 3D view: this browser has no WebGL. Everything else works without it.';
   }
   function makeView() {
     const { scene, soon, lookAt } = drawing.stage($('scene'), $('view'));
@@ -238,7 +238,7 @@
       },
     };
   }
-  if (view) $('view-note').textContent = compare ? 'A as it is · B in orange · green: the plan of A · drag to turn' : 'green: the plan, where it is elsewhere at this time · drag to turn';
+  if (view) $('view-note').textContent = compare ? 'A in colour · B in orange · green: plan of A · drag to rotate' : 'green: the plan, where it is elsewhere at this time · drag to turn';
 
   // --- lamps and joints ---------------------------------------------------------------------------
 

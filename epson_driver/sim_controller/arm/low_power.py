@@ -41,7 +41,7 @@ class LowPower:
         reach = np.array(self.reach, dtype=float)
         if reach.ndim != 1 or not np.all(np.isfinite(reach) & (reach >= 0.0)):
             raise ValueError(
-                f'reach = {reach.tolist()}: must be finite, not negative, one a joint'
+                f'reach = {reach.tolist()}: must be finite and not negative, one per joint'
             )
         reach.flags.writeable = False
         object.__setattr__(self, 'reach', reach)

@@ -87,7 +87,7 @@ class PlannerProcess:
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
         """Request a plan, see `streaming.Planner`. Raises RuntimeError if a request is pending."""
         if self._answer is not None:
-            raise RuntimeError('the planner has a request already')
+            raise RuntimeError('the planner already has a request')
         if self._child is None:
             raise RuntimeError('the planner is not ready')
         self._answer = answer
@@ -134,7 +134,7 @@ class PlannerProcess:
         except PlannerError as error:
             _log.error('%s', error)
         else:
-            _log.info('the motion planner is ready again')
+            _log.info('the motion planner has recovered')
 
     def _pass_on(self, plan: Any) -> None:
         answer, self._answer = self._answer, None
@@ -198,7 +198,7 @@ class _Child:
                 await self._process.wait()
         code = self._process.returncode
         if self._hung:
-            return f'did not answer for {PLAN_TIMEOUT_S:g} s'
+            return f'did not reply within {PLAN_TIMEOUT_S:g} s'
         if code is None:
             return 'closed its pipe'
         return ending(code)

@@ -228,7 +228,7 @@ class PointToPoint:
         RuntimeError without room for a point.
         """
         if not self.has_room:
-            raise RuntimeError('there is no room for a point')
+            raise RuntimeError('no room for a point')
         check_fractions(point.velocity or 1.0, self._accel)
         check_target(point.target, self.limits)
         if not self.moving:
@@ -280,7 +280,7 @@ class PointToPoint:
         Raises RuntimeError if the arm moves or has points, ValueError for another position.
         """
         if self.moving:
-            raise RuntimeError('the arm moves or has points to go to')
+            raise RuntimeError('the arm is moving or has pending points')
         check_target(position, self.limits)
         self._rest = position.copy()
 

@@ -39,10 +39,10 @@ class DeadlineCounters:
     def since(self, before: 'DeadlineCounters') -> str:
         """Return a sentence about the counts since `before`, or ''."""
         counts = (
-            (self.deadline_misses - before.deadline_misses, 'motion cycle(s) came late'),
-            (self.late_plans - before.late_plans, 'plan(s) came too late and were not used'),
-            (self.planner_failures - before.planner_failures, 'failure(s) of the planner'),
-            (self.violations - before.violations, 'limit violation(s) averted'),
+            (self.deadline_misses - before.deadline_misses, 'late motion cycle(s)'),
+            (self.late_plans - before.late_plans, 'plan(s) too late and not used'),
+            (self.planner_failures - before.planner_failures, 'planner failure(s)'),
+            (self.violations - before.violations, 'limit violation(s) prevented'),
         )
         return ', '.join(f'{count} {text}' for count, text in counts if count)
 
@@ -261,7 +261,9 @@ class Streaming:
         Raises RuntimeError while it moves or has points, ValueError like the constructor.
         """
         if self.moving:
-            raise RuntimeError('the arm moves or has points to go to: it cannot be moved by hand')
+            raise RuntimeError(
+                'the arm is moving or has pending points: it cannot be moved by hand'
+            )
         self._place(position)
 
     def step(self, dt: float) -> None:
@@ -325,4 +327,4 @@ class Streaming:
         self._in_vain = self._in_vain + 1 if plan is None and at_rest and not forgotten else 0
         if self._in_vain >= MAX_ATTEMPTS:
             self._in_vain = 0
-            self._failed(f'no way was found in {MAX_ATTEMPTS} attempts')
+            self._failed(f'no path found in {MAX_ATTEMPTS} attempts')

@@ -107,26 +107,26 @@ class Fault:
         return self.values.get(name) or 0.0
 
 
-AFTER = Parameter('after', 'time until it begins', 0.0, unit='s')
+AFTER = Parameter('after', 'time until its start', 0.0, unit='s')
 SEED = Parameter(
     'seed',
-    "what chance is drawn from; none: the simulation's seed",
+    "random seed (none: the simulation's)",
     None,
     high=2**31 - 1,
     whole=True,
 )
 SKIP = Parameter(
-    'skip', 'messages that pass before the first it strikes', 0, 0, MAX_COUNT, whole=True
+    'skip', 'unaffected messages before the first affected one', 0, 0, MAX_COUNT, whole=True
 )
 
 
 def _for(default: float = 0.0, low: float = 0.0) -> Parameter:
-    text = 'how long it lasts' if low else 'how long it lasts; 0: until it is cleared'
+    text = 'duration' if low else 'duration (0: until cleared)'
     return Parameter('for', text, default, low, unit='s')
 
 
 def _count(default: int) -> Parameter:
-    text = 'messages it strikes, then it ends; 0: no limit'
+    text = 'affected messages, after which it ends (0: no limit)'
     return Parameter('count', text, default, 0, MAX_COUNT, whole=True)
 
 
@@ -156,50 +156,49 @@ def _of_controller(text: str, *parameters: Parameter, boots: bool = False) -> Ki
 
 FAULTS: dict[str, Kind] = {
     'cut': _on_links(
-        'The cable is cut: every connection of the ports is closed at once, and new ones are '
-        'closed as soon as they are open.',
+        'The cable is cut: all connections of the ports are closed, and new ones are closed '
+        'immediately.',
         _for(1.0),
     ),
     'half_open': _on_links(
-        'Silence: connections stay open, but no byte passes in either direction, and what is sent '
-        'meanwhile is lost. A connection on which bytes of the client were lost is closed when it '
-        'ends: a stream cannot go on with a hole in it.',
+        'Silence: connections stay open, but all data in both directions is lost. Connections '
+        'that lost data of the client are closed at the end.',
         _for(),
     ),
     'delay': _on_links(
-        'Everything the controller sends comes later by the same time.',
-        _seconds('how much later', 0.05),
+        'All messages of the controller are delayed by the same time.',
+        _seconds('delay', 0.05),
         _for(),
     ),
     'jitter': _on_links(
-        'Every message the controller sends comes later by a random time, in the same order.',
-        _seconds('how much later at most', 0.05),
+        'Each message of the controller is delayed by a random time, without reordering.',
+        _seconds('maximum delay', 0.05),
         SEED,
         _for(),
     ),
     'coalesce': _on_links(
-        'What the controller sends is gathered for a time and arrives as one piece.',
-        _seconds('how long it is gathered', 0.05, 10.0),
+        'Data of the controller is collected for a time and arrives as one segment.',
+        _seconds('collection time', 0.05, 10.0),
         _for(),
     ),
     'one_byte': _on_links(
-        'The controller sends every byte in a segment of its own.',
+        'The controller sends each byte in a separate segment.',
         _for(),
     ),
     'bit_errors': _on_messages(
-        'Bits of a message are flipped, anywhere in it, its length included.',
-        Parameter('rate', 'share of the messages that are hit', 0.1, 0.0, 1.0),
-        Parameter('bits', 'bits flipped in a message that is hit', 1, 1, 64, whole=True),
+        'Bits of a message are flipped, including its length field.',
+        Parameter('rate', 'fraction of affected messages', 0.1, 0.0, 1.0),
+        Parameter('bits', 'bits flipped in an affected message', 1, 1, 64, whole=True),
         SEED,
         _count(0),
         ports=('state',),
     ),
     'wrong_length': _on_messages(
-        'The length at the beginning of a message is wrong.',
+        'The length field of a message is wrong.',
         Parameter('add', 'added to the true length', 4, -(2**16), 2**30, 'bytes', True),
         Parameter(
             'value',
-            'the length itself; none: what `add` says',
+            'value of the length (none: true length plus `add`)',
             None,
             -(2**31),
             2**31 - 1,
@@ -209,45 +208,43 @@ FAULTS: dict[str, Kind] = {
         ports=('state',),
     ),
     'lost_reply': _on_messages(
-        'The reply to a request is never sent; the request is carried out.',
+        'The reply to a request is never sent, but the request is executed.',
         _count(1),
         ports=('motion',),
         replies=True,
     ),
     'late_reply': _on_messages(
-        'The reply to a request is sent too late, and what follows on that connection not before '
-        'it.',
-        _seconds('how much later', 2.0),
+        'The reply to a request is delayed, and later messages on the connection with it.',
+        _seconds('delay', 2.0),
         _count(1),
         ports=('motion',),
         replies=True,
     ),
     'wrong_byte_order': _on_messages(
-        'The controller writes its messages in the other byte order: the four bytes of every word '
-        'are reversed.',
+        'The controller uses the other byte order: the four bytes of each word are reversed.',
         _count(0),
         ports=('motion', 'state', 'io'),
     ),
     'frozen_encoder': _of_controller(
-        'The encoder of a joint stands still: the controller reports the position of the moment '
-        'in which it began, whatever the arm does.',
-        _joint('which joint; 0: all', 0, 0),
+        'The encoder of a joint is frozen: the controller reports its position at the start of '
+        'the fault.',
+        _joint('joint number (0: all)', 0, 0),
         _for(),
     ),
     'servo_error': _of_controller(
-        'The servo of a joint reports an error: the motors lose their power until a person resets '
-        'it; a critical one until the controller is booted again.',
-        _joint('which joint', 1, 1),
-        Parameter('critical', 'whether only booting helps', 0, choices=('no', 'yes')),
+        'The servo of a joint reports an error: the motors are off until it is reset, or, if it '
+        'is critical, until the controller is booted.',
+        _joint('joint number', 1, 1),
+        Parameter('critical', 'whether only a boot resets it', 0, choices=('no', 'yes')),
     ),
     'estop_at_point': _of_controller(
-        'The E-stop is pressed when the arm begins to go to that point, counted since the fault '
-        'began.',
-        Parameter('point', 'at which point, counted from 1', 1, 1, MAX_COUNT, whole=True),
+        'The E-stop is pressed when the arm starts to move to a point, counted from the start of '
+        'the fault.',
+        Parameter('point', 'point number, from 1', 1, 1, MAX_COUNT, whole=True),
     ),
     'reboot': _of_controller(
-        'The controller is switched off and on: all connections are closed, the remote ones too, '
-        'the motors are off, and until it is up it takes no new connection. It cannot be cleared.',
+        'The controller is switched off and on: all connections are closed, the motors are off, '
+        'and connections are refused until it has booted. It cannot be cleared.',
         _for(5.0, 0.1),
         boots=True,
     ),
@@ -269,7 +266,7 @@ def parse(text: str) -> Fault:
     """
     name, *parts = [part for part in re.split(r'[\s,:]+', text.lower()) if part] or ['']
     if name not in FAULTS:
-        raise FaultError(f'{_quote(name)} is no fault: must be one of {", ".join(FAULTS)}')
+        raise FaultError(f'{_quote(name)} is not a fault: must be one of {", ".join(FAULTS)}')
     kind = FAULTS[name]
     given: dict[str, str] = {}
     for position, part in enumerate(parts):
@@ -282,7 +279,7 @@ def parse(text: str) -> Fault:
             raise FaultError(f'{name}: {key} is given twice')
         if key not in _keys(kind):
             raise FaultError(
-                f'{name}: {_quote(key)} is no parameter: must be one of {", ".join(_keys(kind))}'
+                f'{name}: {_quote(key)} is unknown: must be one of {", ".join(_keys(kind))}'
             )
         given[key] = value
     ports = _ports(name, kind, given.pop('port')) if 'port' in given else kind.default_ports
@@ -294,7 +291,7 @@ def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
     """Return the fault on these ports. Raises FaultError if no client could clear it."""
     if REMOTE_PORT in ports and not fault.number('for'):
         raise FaultError(
-            f'{fault.name}: port = remote needs for = … s, more than 0: nobody could clear it'
+            f'{fault.name}: port = remote needs for = … s > 0, because it cannot be cleared'
         )
     return replace(fault, ports=ports)
 
@@ -331,7 +328,7 @@ def parameter_texts(kind: Kind) -> dict[str, str]:
         texts[each.name] = f'{each.text} ({each.range}; {default})'
     if kind.ports:
         default = '+'.join(kind.default_ports)
-        texts['port'] = f'which ports ({", ".join(kind.ports)}, several with +, all; {default})'
+        texts['port'] = f'ports ({", ".join(kind.ports)}, several with +, all; {default})'
     return texts
 
 

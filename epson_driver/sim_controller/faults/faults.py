@@ -116,7 +116,7 @@ class ActiveFault:
         remark = ''
         if self.until is not None:
             seconds = max(self.until.due - now, 0.0)
-            remark = f'{seconds:.1f} s left' if self.begun else f'begins in {seconds:.1f} s'
+            remark = f'{seconds:.1f} s left' if self.begun else f'starts in {seconds:.1f} s'
         elif self._left is not None:
             remark = f'{self._left} to strike'
         elif self._points > 0:
@@ -183,11 +183,11 @@ class Faults:
         cleared.
         """
         if name is not None and name not in FAULTS:
-            raise FaultError(f'{name!r} is no fault: must be one of {", ".join(FAULTS)}')
+            raise FaultError(f'{name!r} is not a fault: must be one of {", ".join(FAULTS)}')
         meant = [each for each in self._active if name in (None, each.fault.name)]
         ended = [each for each in meant if not (each.begun and each.fault.kind.boots)]
         if name is not None and not ended:
-            reason = 'it cannot be cleared: it ends by itself' if meant else 'it is not active'
+            reason = 'it cannot be cleared: it ends automatically' if meant else 'it is not active'
             raise FaultError(f'{name}: {reason}')
         for active in ended:
             self._remove(active)

@@ -137,7 +137,7 @@ class FaultyTransport:
             self._emit(held.data, held.one_byte)
             return
         if self.held + len(held.data) > MAX_HELD_BYTES:
-            _log.warning('%s client: faults hold too much back: disconnected', self.port)
+            _log.warning('%s client: too much data delayed by faults: disconnected', self.port)
             self.cut()
             return
         self._held.append(held)

@@ -206,14 +206,14 @@ class IoPoints:
             return
         self._writers.discard(client)
         if not self._writers:
-            _log.warning('the last I/O client that wrote outputs is gone: safe values')
+            _log.warning('the last I/O client that wrote outputs has disconnected: safe values')
             self._make_safe(self.profile.outputs - self.profile.keep_on_link_loss)
 
     # Internals.
 
     def _checked(self, io_type: int, index: int) -> tuple[_Kind, IoType]:
         if io_type not in _KINDS:
-            text = f'type {io_type}: there is no such type of I/O, only 1 to {len(_KINDS)}'
+            text = f'type {io_type}: unknown type of I/O, must be 1 to {len(_KINDS)}'
             raise IoError(IoResult.TYPE_UNSUPPORTED, text)
         known = IoType(io_type)
         kind = _KINDS[known]

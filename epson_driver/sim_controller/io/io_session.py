@@ -116,7 +116,7 @@ class IoStream:
         key = (address.io_type, address.index)
         if key not in self._ranges:
             self._points.check_range(*key, 1)
-            text = f'type {key[0]}, start {key[1]}: no subscription begins there'
+            text = f'type {key[0]}, start {key[1]}: no subscription starts there'
             raise IoError(IoResult.NO_SUBSCRIPTION, text)
         del self._ranges[key]
         if not self._ranges:

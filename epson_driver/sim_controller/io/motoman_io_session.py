@@ -41,7 +41,7 @@ from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS,
 _BIT_DIGITS = 10
 """The last digit of a bit's address is its index in the group."""
 
-_OUT_OF_RANGE = 'it is none of the general inputs and outputs that there are'
+_OUT_OF_RANGE = 'it must be an existing general input or output'
 
 _log = logging.getLogger(__name__)
 
@@ -87,7 +87,7 @@ class MotomanIoSession:
             return _invalid(frame, Invalid.MSGSIZE, str(error))
         own = self._answers.get(type(message))
         if own is None:
-            return _invalid(frame, Invalid.MSGTYPE, 'it is none of the I/O messages')
+            return _invalid(frame, Invalid.MSGTYPE, 'it is not an I/O message')
         return own(message)
 
     def _read_bit(self, message: ReadIoBit) -> ReadIoBitReply:

@@ -229,7 +229,7 @@ class PortServer:
         if limit is not None and len(self._tasks) >= limit + MAX_WAITING_CLIENTS:
             sock.close()
             _log.warning(
-                '%s client %s:%d refused: as many wait for a place as may be',
+                '%s client %s:%d refused: too many pending connections',
                 self._rules.name,
                 *address[:2],
             )
@@ -246,7 +246,7 @@ class PortServer:
 
     def _cannot(self, listening: socket.socket, why: str) -> None:
         """Log why no client can be accepted, and pause. The loop would retry without a delay."""
-        _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
+        _log.error('%s port: cannot accept connections: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
             with self._pacer.present() as controller:
@@ -284,7 +284,7 @@ class PortServer:
                 if self._places is not None:
                     self._places.release()
         except TimeoutError:
-            _log.warning('%s refused: as many connected as may be', connection.name)
+            _log.warning('%s refused: too many connections', connection.name)
         except ConnectionRefusedError as error:
             _log.warning('%s refused: %s', connection.name, error)
             connection.abort()

@@ -28,7 +28,7 @@ LAST = SpecialSequence.END_TRAJECTORY
 class _Phase(Enum):
     """The phase of a download, which decides about points with a sequence of 0 or more."""
 
-    NONE = 'no download is under way'
+    NONE = 'no download is active'
     COLLECTING = 'they are kept'
     REJECTED = 'they are dropped until the last one'
 
@@ -98,6 +98,6 @@ class Download:
     def forget(self) -> None:
         """Discard the download and its points."""
         if self._points:
-            _log.warning('a download is dropped: it did not come to its end')
+            _log.warning('a download is dropped: it did not end')
         self._points = []
         self._phase = _Phase.NONE

@@ -228,7 +228,7 @@ class MotionProgram:
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
-            self._errors.enter(corrupt('no download is under way').about(_name(point)))
+            self._errors.enter(corrupt('no download is active').about(_name(point)))
         elif packet.comm_type is CommType.TOPIC:
             if point.sequence == STOP and self._profile.accepts != 'exact':
                 self._stop(None)
@@ -274,7 +274,7 @@ class MotionProgram:
 
     def _sequence_rejection(self, point: JointTrajPt) -> Rejection | None:
         if point.sequence == LAST:
-            return corrupt('no download is under way')
+            return corrupt('no download is active')
         if point.sequence < 0 and point.sequence != STREAMING:
             return corrupt('the negative sequences are -1 to -4')
         following = None if self._accepted is None else self._accepted + 1
@@ -286,7 +286,7 @@ class MotionProgram:
     def _queue_rejection(self) -> Rejection | None:
         if len(self._queue) < self._pending_limit:
             return None
-        return corrupt(f'{len(self._queue)} points wait already, the most that can')
+        return corrupt(f'{len(self._queue)} points are already pending, the maximum')
 
     def _point(self, point: JointTrajPt, sequence: int) -> Point:
         velocity = point.velocity if self._used.velocity else 0.0
@@ -332,7 +332,9 @@ class MotionProgram:
         most = max(self._pending_limit, self._profile.download.buffer)
         if len(self._queue) + len(self._download) <= most:
             return None
-        return corrupt(f'{len(self._queue)} points wait already, {most} is the most that can')
+        return corrupt(
+            f'{len(self._queue)} points are already pending, at most {most} are possible'
+        )
 
     def _execute(self, points: list[JointTrajPt]) -> None:
         """Queue the points of a download for execution once the program has processed them."""

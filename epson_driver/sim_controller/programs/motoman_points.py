@@ -53,7 +53,7 @@ def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
     """Return the error in the point alone, or None. Unused joints count too."""
     if point.robot_id != 0:
         return InvalidReason(
-            Invalid.GROUPNO, f'robot_id = {point.robot_id}: there is only group 0'
+            Invalid.GROUPNO, f'robot_id = {point.robot_id}: must be 0, the only group'
         )
     missing = REQUIRED & ~point.valid_fields
     if missing:
@@ -85,7 +85,7 @@ def invalid_start(
     if off[joint] > START_TOLERANCE:
         unit = limits.units[joint]
         sentence = (
-            f'{limits.names[joint]} = {point.positions[joint]:.7g} {unit}, but it stands at '
+            f'{limits.names[joint]} = {point.positions[joint]:.7g} {unit}, but it is at '
             f'{position[joint]:.7g} {unit}, more than {START_TOLERANCE:g} {unit} away'
         )
         return InvalidReason(Invalid.DATA_START_POS, sentence)
@@ -97,7 +97,9 @@ def invalid_next(
 ) -> InvalidReason | None:
     """Return the error in a point that follows one with time `before`, s, or None."""
     if point.time <= before:
-        sentence = f'time = {point.time:g} s: must be after {before:g} s, the point before'
+        sentence = (
+            f'time = {point.time:g} s: must be later than {before:g} s of the previous point'
+        )
         return InvalidReason(Invalid.DATA_TIME, sentence)
     rejection = angles_rejection(np.array(point.positions[: len(limits.names)]), limits)
     if rejection is not None:

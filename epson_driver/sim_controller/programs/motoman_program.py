@@ -225,7 +225,7 @@ class MotomanProgram:
     def _obey(self, packet: Packet) -> MotionReply | None:
         message, done = packet.message, success(packet)
         if not isinstance(message, MotionCtrl | JointTrajPtFull):
-            sentence = f'message type {packet.msg_type} is none of this program'
+            sentence = f'message type {packet.msg_type} is unknown to this program'
             return invalid(done, InvalidReason(Invalid.MSGTYPE, sentence))
         if packet.comm_type is not CommType.SERVICE_REQUEST:
             sentence = f'it must be a request, not a {packet.comm_type.name.lower()}'
@@ -260,7 +260,7 @@ class MotomanProgram:
 
     def _begin(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
         if self._arm.moving:
-            return invalid(done, InvalidReason(Invalid.DATA_START_POS, 'the arm still moves'))
+            return invalid(done, InvalidReason(Invalid.DATA_START_POS, 'the arm is still moving'))
         reason = invalid_start(point, self._arm.position, self._arm.limits)
         if reason is not None:
             return invalid(done, reason)
@@ -359,4 +359,4 @@ class MotomanProgram:
 
 
 def _unknown(done: MotionReply) -> MotionReply:
-    return invalid(done, InvalidReason(Invalid.COMMAND, f'command = {done.command} is not known'))
+    return invalid(done, InvalidReason(Invalid.COMMAND, f'command = {done.command} is unknown'))

@@ -43,7 +43,7 @@ def _not_ready(controller: Controller) -> str:
     if controller.program_runs:
         return 'the program runs: stop first'
     if not controller.condition.paused:
-        return 'the arm still moves: try again when it stands'
+        return 'the arm is still moving: try again when it has stopped'
     first = 'close the door and ' if FLAGS['Safeguard'](controller) else ''
     return f'the tasks are paused: {first}continue, or stop, first'
 
@@ -56,7 +56,7 @@ def _not_paused(controller: Controller) -> str:
 def _in_error(controller: Controller) -> str:
     number = controller.error_number
     way = 'boot the controller again' if FLAGS['SError'](controller) else 'reset first'
-    return f'there is error {number:04d} ({controller.error_text(number)}): {way}'
+    return f'error {number:04d} ({controller.error_text(number)}): {way}'
 
 
 def _estopped(controller: Controller) -> str:
@@ -70,7 +70,7 @@ def _tasks_run(controller: Controller) -> bool:
 
 
 def _no_tasks(controller: Controller) -> str:
-    return f'the tasks are {controller.condition.tasks.value}: there is nothing to pause'
+    return f'the tasks are {controller.condition.tasks.value}: nothing to pause'
 
 
 AUTO = _is('Auto', lambda _: 'the key switch is at MANUAL: turn it to AUTO first')
@@ -155,4 +155,4 @@ def robot(parameters: Sequence[str], all_robots: bool = True) -> None:
     """Check that the robot is 1 or, if `all_robots`, 0 for all or omitted."""
     expect(parameters, 0 if all_robots else 1, 1)
     if parameters and parameters[0] not in (('', '0', '1') if all_robots else ('1',)):
-        raise wrong('robot', parameters[0], 'there is only robot 1')
+        raise wrong('robot', parameters[0], 'must be 1, the only robot')

@@ -117,12 +117,12 @@ def _refused(dialogue: Dialogue, spelt: str, error: CommandError) -> str:
 
 def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
     if not line.startswith('$'):
-        raise CommandError(RemoteErrorNumber.NO_DOLLAR, 'the command does not begin with $')
+        raise CommandError(RemoteErrorNumber.NO_DOLLAR, 'the command does not start with $')
     command = COMMANDS.get(name)
     if command is None:
-        raise CommandError(RemoteErrorNumber.BAD_COMMAND, f'there is no command {name}')
+        raise CommandError(RemoteErrorNumber.BAD_COMMAND, f'unknown command {name}')
     if not dialogue.logged_in and name not in ('Login', 'Sim'):
-        raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'nobody is logged in')
+        raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'no client is logged in')
     needed = command.requirements
     if dialogue.controller.window.executes:
         if not command.beside:
@@ -167,7 +167,7 @@ def _robot(_dialogue: Dialogue, parameters: list[str]) -> None:
 def _start(_dialogue: Dialogue, parameters: list[str]) -> None:
     expect(parameters, 1)
     if whole('function', parameters[0], 0, 63) != 0:
-        raise wrong('function', parameters[0], 'there is only 0, main')
+        raise wrong('function', parameters[0], 'must be 0, main')
 
 
 def _set_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> None:
@@ -219,9 +219,9 @@ def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
     """Execute the text between the first and the last quote. It may contain quotes."""
     given = parameters[0] if parameters else ''
     if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
-        raise CommandError(RemoteErrorNumber.FORMAT, 'statements stand in double quotes')
+        raise CommandError(RemoteErrorNumber.FORMAT, 'statements must be in double quotes')
     if len(given) > MOST_CHARACTERS:
-        text = f'statements and what they print may have {MOST_CHARACTERS} characters'
+        text = f'statements and their output may have {MOST_CHARACTERS} characters'
         raise CommandError(RemoteErrorNumber.FORMAT, text)
     return _begin(dialogue, given.rstrip()[1:-1])
 
@@ -376,7 +376,7 @@ def _io_commands() -> dict[str, Command]:
 
 
 COMMANDS: dict[str, Command] = {
-    'Login': Command('password', 'begin; needed first', _FREE, _login, whole=True, beside=True),
+    'Login': Command('password', 'log in, needed first', _FREE, _login, whole=True, beside=True),
     'Logout': Command('', 'end', _FREE, _logout),
     'Start': Command('0', 'start the tasks', _SOUND, _start, Event.START),
     'Stop': Command('', 'stop the tasks', _AUTO, _plain, Event.STOP),
@@ -385,26 +385,26 @@ COMMANDS: dict[str, Command] = {
     'Reset': Command('', 'clear E-stop and error', _IDLE, _plain, Event.RESET),
     'SetMotorsOn': Command('robot', 'motors on', _SAFE, _robot, Event.MOTORS_ON),
     'SetMotorsOff': Command('robot', 'motors off', _OFF, _robot, Event.MOTORS_OFF),
-    'SetCurRobot': Command('robot', 'choose the robot', _IDLE, _set_cur_robot),
-    'GetCurRobot': Command('', 'the chosen robot', _FREE, _get_cur_robot),
-    'Home': Command('robot', 'go to the home position', _SOUND, _home),
+    'SetCurRobot': Command('robot', 'select the robot', _IDLE, _set_cur_robot),
+    'GetCurRobot': Command('', 'the selected robot', _FREE, _get_cur_robot),
+    'Home': Command('robot', 'move to the home position', _SOUND, _home),
     **_io_commands(),
     'GetVariable': Command('name,…', 'no variables here', _FREE, partial(_variable, 1, 3)),
     'SetVariable': Command('name,value,…', 'no variables here', _IDLE, partial(_variable, 2, 3)),
     'GetStatus': Command('', 'flags, error number', _FREE, _get_status, beside=True),
     'Execute': Command('"statement"', 'execute statements', _SOUND, _execute, whole=True),
-    'Abort': Command('', 'end what is executed', _AUTO, _abort, beside=True),
+    'Abort': Command('', 'end the execution', _AUTO, _abort, beside=True),
     'GetMotor': Command('robot', 'robots, motors on, power high', _FREE, _get_motor),
     'GetRobotInfo': Command('', 'robots, type, model', _FREE, _get_robot_info),
     'GetRobotName': Command('robot', 'robots, name', _FREE, _get_robot_name),
     'GetRobotSerial': Command('robot', 'robots, serial number', _FREE, _get_robot_serial),
     'GetErrMsg': Command('error,language', 'text of an error', _FREE, _get_err_msg),
-    'GetErrFunc': Command('error', '0: no function is known', _FREE, _get_err_func),
+    'GetErrFunc': Command('error', '0: the function is unknown', _FREE, _get_err_func),
     'GetContName': Command('', '0: it has no name', _FREE, _fixed('0')),
     'GetContNo': Command('', 'serial number', _FREE, _fixed(_SIMULATED)),
     'GetContVer': Command('', 'firmware', _FREE, _fixed(_SIMULATED)),
     'GetContType': Command('', 'controller', _FREE, _get_cont_type),
-    'GetContDev': Command('', 'who has control', _FREE, _get_cont_dev),
+    'GetContDev': Command('', 'device in control', _FREE, _get_cont_dev),
     'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
     'Sim': Command('…', 'only in the simulation', _FREE, _sim, beside=True),
 }

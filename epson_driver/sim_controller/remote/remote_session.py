@@ -129,7 +129,7 @@ class RemoteSession:
         if self._dialogue.controller.window.executes:  # the client waits for its result
             self._heard = self._clock.now
         if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING_S:
-            self._end(f'nothing was said for {self._patience:g} s')
+            self._end(f'no command for {self._patience:g} s')
         else:
             self._watch()
 

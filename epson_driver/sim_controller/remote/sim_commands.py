@@ -182,7 +182,7 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         _events(open=Event.DOOR_OPEN, close=Event.DOOR_CLOSE),
     ),
     'continue': SimCommand(
-        'continue', 'as the command Continue, by somebody who stands there', _continue
+        'continue', 'like the command Continue, by an operator at the controller', _continue
     ),
     'mode': SimCommand(
         'mode,auto|manual',
@@ -191,29 +191,29 @@ SIM_COMMANDS: dict[str, SimCommand] = {
     ),
     'power': SimCommand(
         'power,high|low',
-        'as the statement Power, in any condition',
+        'like the statement Power, in any condition',
         _events(high=Event.POWER_HIGH, low=Event.POWER_LOW),
     ),
     'io': SimCommand(
         'io[,DI|DO|AI|AO|flag,index[,value]]',
-        'set a point, also an input; read it; or say how many there are and which are on '
-        '(of analogue ones the values, mV)',
+        'set or read a point (inputs too), or list the numbers of points and those that are on '
+        '(analogue points: their values, mV)',
         _io,
     ),
     'disturb': SimCommand('disturb,joint,degrees', 'push a joint', _disturb),
     'fault': SimCommand(
         'fault[,name,key=value,…|,list|,clear[,name]]',
-        'begin a fault, list the active ones, clear one or all (answers how many)',
+        'start a fault, list the active ones, clear one or all (replies their number)',
         _fault,
     ),
     'reboot': SimCommand('reboot[,seconds]', 'the fault reboot: off and on again', _reboot),
-    'identity': SimCommand('identity', 'its profile and its robot model', _identity),
-    'condition': SimCommand('condition', 'what the controller is in, by region', _condition),
-    'joints': SimCommand('joints', 'where the joints are to be now, degrees or mm', _joints),
+    'identity': SimCommand('identity', 'profile and robot model', _identity),
+    'condition': SimCommand('condition', 'condition of the controller by region', _condition),
+    'joints': SimCommand('joints', 'commanded joint positions, degrees or mm', _joints),
     'tasks': SimCommand('tasks', 'number=name,type,state of each task', _tasks),
     'timing': SimCommand(
         'timing',
-        'late motion cycles, late plans, failures of the planner, limit violations averted',
+        'late motion cycles, late plans, planner failures, prevented limit violations',
         _timing,
     ),
 }

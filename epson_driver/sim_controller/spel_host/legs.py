@@ -124,7 +124,7 @@ class StraightLeg:
         try:
             return self.motion(start, low_power)
         except (SpelError, ValueError) as error:
-            _log.warning('Move goes on from joint to joint: %s', error)
+            _log.warning('Move continues in joint space: %s', error)
             limits = self._robot.controller.model.limits
             return go(limits, start, self.end, LOW_POWER, LOW_POWER)
 

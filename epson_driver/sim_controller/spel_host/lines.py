@@ -72,9 +72,9 @@ class _Looks:
         while (place := len(self._rows)) < len(self._poses):
             near = self._rows[-1]
             found = self._kinematics.inverse(self._poses[place], near)
-            at = f'at {place / (len(self._poses) - 1) * 100.0:.0f} % of the way'
+            at = f'at {place / (len(self._poses) - 1) * 100.0:.0f} % of the path'
             if not len(found):
-                raise ValueError(f'it is out of reach {at}')
+                raise ValueError(f'out of reach {at}')
             if np.max(np.abs(found[0] - near)) <= MAX_JOINT_STEP:
                 self._rows.append(found[0])
             elif not (through and self._passed()):

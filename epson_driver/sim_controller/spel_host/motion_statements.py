@@ -58,7 +58,7 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Up to LimZ, across, and down, with stops between or rounded corners of an arch."""
     model = robot.controller.model
     if model.kind != SCARA:
-        raise bad('Jump', f'only a SCARA can; {model.name} is none: use Go')
+        raise bad('Jump', f'only a SCARA can, but {model.name} is not one: use Go')
     start = robot.motion.start
     target = robot.points.joints(request.points[-1], start)
     lim_z = robot.motion.lim_z
@@ -145,7 +145,7 @@ def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPo
             raise bad('Arc3', 'half a circle needs a point to pass')
         angle = 180.0 if path == ARC_SHORT else -180.0
     if not 0.0 < abs(angle) < 360.0:
-        raise bad(name, f'{angle:g} degrees make no arc')
+        raise bad(name, f'{angle:g} degrees are not an arc')
     aside = np.array([chord[1], -chord[0], 0.0]) * math.tan(math.radians(angle) / 4.0) / 2.0
     return SpelPoint('xy', (*(middle + aside), 0.0, 0.0, 0.0))
 

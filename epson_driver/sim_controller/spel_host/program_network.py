@@ -60,7 +60,7 @@ class PortObject(Session):
         if not self.connected:
             return
         if len(self.unread) + len(data) > MAX_UNREAD_BYTES:
-            text = 'the program does not read: %s client cut off with %d bytes unread'
+            text = 'the program does not read: %s client disconnected with %d bytes unread'
             _log.warning(text, self.name, len(self.unread))
             self.end()
             return
@@ -120,9 +120,9 @@ class ProgramNetwork:
         if found.orphaned:
             return f'the task that opened the {port} port has ended'
         if found.connected:
-            return f'the {port} port has a client already'
+            return f'the {port} port already has a client'
         if found.taken:
-            return f'the {port} port has lost its client; the program has not opened it again yet'
+            return f'the {port} port has lost its client, and the program has not reopened it yet'
         return None
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:

@@ -113,14 +113,14 @@ def _start_main(robot: RobotContext, _: Arguments, _words: Words) -> None:
     """Check whether the interpreter may start main now."""
     condition = robot.controller.condition
     if condition.estopped or robot.controller.error_number:
-        text = 'StartMain: there is an E-stop or an error: reset first'
+        text = 'StartMain: E-stop or error: reset first'
         raise SpelError(ErrorNumber.TASK_ABORTED, text)
     apply(robot.controller, Event.START, ErrorNumber.TASK_ABORTED)
 
 
 def _abort_motion(robot: RobotContext, _: Arguments, _words: Words) -> None:
     if not robot.motion.abort(SpelError(ErrorNumber.MOTION_ABORTED, 'the motion was aborted')):
-        raise SpelError(ErrorNumber.NO_MOTION, 'AbortMotion: no task moves the robot')
+        raise SpelError(ErrorNumber.NO_MOTION, 'AbortMotion: no task is moving the robot')
 
 
 def _wait_position(robot: RobotContext, _: Arguments, _words: Words) -> Completion:

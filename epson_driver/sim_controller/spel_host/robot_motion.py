@@ -94,7 +94,7 @@ class RobotMotion:
         arm that brakes comes to rest first.
         """
         if self._motion is not None:
-            text = 'a motion of another task is under way'
+            text = 'another task is moving the robot'
             raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name.capitalize()}: {text}')
         self._motion = motion = Motion(request, self._share)
         self._stops = [self.start, *(point.target for point in points)]

@@ -82,7 +82,7 @@ class RobotPoints:
         unknown = np.isnan(model.pulses_per_unit)
         if unknown.any():
             names = ', '.join(np.array(model.joint_names)[unknown])
-            text = 'the encoder pulses of %s of the %s are not known: %g per degree or mm assumed'
+            text = 'the encoder pulses of %s of the %s are unknown, assuming %g per degree or mm'
             _log.warning(text, names, model.name, ASSUMED_PULSES)
         return np.where(unknown, ASSUMED_PULSES * model.shown_per_unit, model.pulses_per_unit)
 

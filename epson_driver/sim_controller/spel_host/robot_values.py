@@ -139,7 +139,7 @@ def _coordinate(axis: str) -> Callable[[RobotContext, Arguments], float]:
 
 def _point(argument: int | float | Point) -> Point:
     if not isinstance(argument, Point):
-        raise SpelError(ErrorNumber.ARGUMENT, f'{argument} is no point')
+        raise SpelError(ErrorNumber.ARGUMENT, f'{argument} is not a point')
     return argument
 
 
@@ -200,7 +200,7 @@ def _joint(robot: RobotContext, _: Arguments) -> str:
 
 def _found(robot: RobotContext, _: Arguments) -> Point:
     if robot.motion.found is None:
-        raise SpelError(ErrorNumber.POINT_UNDEFINED, 'FindPos: no Find has found anything')
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, 'FindPos: no position found by Find')
     return robot.points.place(robot.motion.found)
 
 

@@ -206,7 +206,7 @@ class SpelProgram:
         """Check whether all tasks are over, and whether one still moves the arm."""
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
-            self._motion.abort(_aborted('its task is over'))
+            self._motion.abort(_aborted('its task has ended'))
         self._look_at_command()
         condition = self._controller.condition
         own = self._controller.program is self
@@ -239,7 +239,7 @@ class SpelProgram:
     def execute(self, text: str, answer: Answer) -> None:
         """Start a command. Raises ProgramError, RuntimeError, see Window."""
         if self.executes:
-            raise RuntimeError('a command is under way')
+            raise RuntimeError('a command is being executed')
         self._pass_time()
         self._output = self._machine.execute(text)
         self._answer, self._command_error, self._command_moved = answer, None, False
@@ -302,7 +302,7 @@ class SpelProgram:
 
     def receive(self, frame: Frame) -> None:
         """Raise RuntimeError, because bytes come through the program's own ports."""
-        raise RuntimeError(f'a SPEL+ program takes no frame ({frame.msg_type})')
+        raise RuntimeError(f'a SPEL+ program accepts no frame ({frame.msg_type})')
 
     def step(self, dt: float) -> None:
         """Advance the arm by `dt` ≥ 0 s."""
@@ -319,13 +319,13 @@ class SpelProgram:
     def restart(self) -> None:
         """Brake, and end the tasks that an E-stop, an error or a stop ends."""
         if not self._finishing:  # a last Go … CP is completed
-            self._motion.abort(_aborted('the tasks were ended'))
+            self._motion.abort(_aborted('the tasks were stopped'))
         aborted = self._controller.condition.tasks is Tasks.ABORTED
         self._starting = False
         self._ended = True
 
         def end() -> None:
-            self.abort_command('the command was aborted: the tasks were ended')
+            self.abort_command('the command was aborted: the tasks were stopped')
             if aborted:
                 number = self._controller.error_number
                 if self._controller.condition.estopped:
@@ -410,7 +410,7 @@ class SpelProgram:
         try:
             self._controller.apply(event)
         except RejectedError as error:
-            _log.warning('the program asks for %s: %s', event.value, error)
+            _log.warning('the program requests %s: %s', event.value, error)
 
 
 def _plain(name: str) -> str:

@@ -190,7 +190,7 @@ def test_time_to_wait_for_a_refusal_status_depends_on_the_status_rate():
             'joint_traj_pt_full',
             'points are downloaded as joint_traj_pt only',
         ),
-        ('motoman', 'streaming', 'joint_traj_pt', 'takes joint_traj_pt_full only'),
+        ('motoman', 'streaming', 'joint_traj_pt', 'supports joint_traj_pt_full only'),
     ],
 )
 def test_contradictory_delivery_parameters_are_refused(name, interface, message, text):
@@ -486,14 +486,14 @@ OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE
         (reply(MotionReply(0, 3, 14, 1), OK), 'BUSY: its queue is full'),
         (
             reply(MotionReply(0, 3, 14, 3, 3011), OK),
-            'INVALID: the message is wrong, 3011: the trajectory does not start where the arm '
-            'stands',
+            'INVALID: the message is wrong, 3011: the trajectory does not start at the '
+            'position of the arm',
         ),
         (
             reply(MotionReply(0, 3, 14, 5, 5006), OK),
             'NOT_READY: it cannot move now, 5006: the servos are off',
         ),
-        (reply(MotionReply(0, 3, 14, 9, 77), OK), 'result 9, 77: not a known subcode'),
+        (reply(MotionReply(0, 3, 14, 9, 77), OK), 'result 9, 77: unknown subcode'),
     ],
 )
 def test_reply_rejection_is_described(packet, text):

@@ -83,7 +83,7 @@ def test_units_of_motoman_points(joint, unit):
     name = f'joint_{joint + 1}'
     point = JointTrajPtFull(0, 0, 7, 0.1, joint_data(HOME))
     reason = invalid_start(point, moved(joint, -0.05), LIMITS)
-    away = rf'^{name} = .* {unit}, but it stands at .* {unit}, more than .* {unit} away$'
+    away = rf'^{name} = .* {unit}, but it is at .* {unit}, more than .* {unit} away$'
     assert re.search(away, reason.sentence)
     fast = replace(point, velocities=joint_data(moved(joint, 100.0)))
     reason = invalid_next(fast, 0.0, LIMITS)

@@ -552,7 +552,7 @@ def test_stop_ends_as_aborted_with_its_first_reason():
     harness.answer()
     harness.see(0.3)
     assert harness.outcome.end is End.ABORTED
-    assert harness.outcome.text == 'replaced by a new goal; the arm stands'
+    assert harness.outcome.text == 'replaced by a new goal, the arm is at rest'
     assert harness.stops == 1
 
 
@@ -849,5 +849,5 @@ def test_point_reply_does_not_delay_acknowledged_stop():
     harness.answer()
     harness.see(0.2)
     assert harness.outcome.end is End.CANCELED
-    assert harness.outcome.text == 'canceled; the arm stands'
+    assert harness.outcome.text == 'canceled, the arm is at rest'
     assert not harness.execution.aftermath.broken_off

@@ -64,7 +64,7 @@ def test_path_tolerance_violation_stops_arm_and_names_joint(handled_after):
     harness.see(0.3)
     assert harness.outcome.end is End.ABORTED
     assert harness.outcome.code is ErrorCode.PATH_TOLERANCE_VIOLATED
-    assert 'on the way to point 1' in harness.outcome.text
+    assert 'moving to point 1' in harness.outcome.text
     assert 'joint_2: the position error is 0.09' in harness.outcome.text
     assert 'the tolerance is 0.05 rad' in harness.outcome.text
     assert harness.execution.aftermath.at_rest
@@ -372,7 +372,7 @@ def test_status_with_cause_may_be_read_late():
 @pytest.mark.parametrize(
     ('status', 'text', 'unexplained'),
     [
-        (None, 'no status came that says why', True),
+        (None, 'no status shows the cause', True),
         ({}, 'it reports no error', True),
         ({'error_code': 4001}, 'controller error 4001', False),
     ],
@@ -405,7 +405,7 @@ def test_unscheduled_time_does_not_count_toward_start_of_motion():
     harness.see(0.3)
     assert not harness.outcomes
     harness.see(SETTLE_TIME_S)
-    assert 'the arm stands' in harness.outcome.text
+    assert 'the arm is at rest' in harness.outcome.text
 
 
 TIMES = np.array([0.0, 1.0])

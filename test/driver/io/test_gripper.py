@@ -73,7 +73,7 @@ async def test_newer_command_replaces_a_waiting_one():
         opening = asyncio.create_task(gripper.move(opened=True))
         await asyncio.sleep(0.1)
         assert await gripper.move(opened=False) == CLOSED
-        with pytest.raises(GripperError, match='a newer command took its place'):
+        with pytest.raises(GripperError, match='replaced by a newer command'):
             await opening
 
 

@@ -262,7 +262,7 @@ async def test_inv6_values_are_unknown_while_the_io_server_is_stopped_by_an_esto
         controller.apply(Event.ESTOP_PRESS)
         await until(lambda: not client.io.states)
         (reason,) = client.reports[1:]
-        assert 'its I/O server does not run now (E-stop' in reason
+        assert 'its I/O server is stopped (E-stop' in reason
         assert reason == await client.rejection()
         with pytest.raises(IoUnavailableError, match='refused'):
             await client.io.write([IoSetting(DO, 0, 1)])
@@ -310,7 +310,7 @@ async def test_server_without_io_is_polled_less_and_reported_once(caplog):
         await until(lambda: len(server.requests) == 4)
         assert now() - start > 0.9
         assert len(client.reports) == 1
-        assert 'does not know I/O requests' in client.reports[0]
+        assert 'does not support I/O requests' in client.reports[0]
         assert client.io.link.statistics.connections == 1
     assert len(caplog.messages) == 1
 
@@ -352,9 +352,9 @@ async def test_simultaneous_requests_are_sent_in_sequence():
 @pytest.mark.parametrize(
     ('reply', 'reason'),
     [
-        (lambda message_id: frame(READ, message_id, 0, 1, DI, 1, 1, 1), 'about other points'),
-        (lambda message_id: frame(READ, message_id, 0, 0), 'about other points'),
-        (lambda message_id: frame(READ), 'makes no sense'),
+        (lambda message_id: frame(READ, message_id, 0, 1, DI, 1, 1, 1), 'has other points'),
+        (lambda message_id: frame(READ, message_id, 0, 0), 'has other points'),
+        (lambda message_id: frame(READ), 'invalid reply of the I/O server'),
         (lambda message_id: frame(READ, reply_code=FAILURE), 'refused'),
         (lambda message_id: None, 'no I/O link'),
     ],
@@ -422,7 +422,7 @@ async def test_refused_range_does_not_prevent_others(caplog):
     async with ScriptedServer(answer) as server, Client(server.port) as client:
         await client.known()
         assert client.values == {(DI, 0): (1,)}
-    assert 'not all can be read: AI 0: this index cannot do this' in caplog.text
+    assert 'partly unreadable: AI 0: not supported by this index' in caplog.text
 
 
 HUGE = (DI, 0, 2**31 - 1, 2)
@@ -471,11 +471,11 @@ async def test_driver_works_without_an_io_server():
 
 
 def test_result_texts_without_known_ranges():
-    assert sentence(2001, DO, 16, 1, ()) == 'DO 16 = 1: there is no such index'
+    assert sentence(2001, DO, 16, 1, ()) == 'DO 16 = 1: unknown index'
     assert sentence(1001, AI, 0, None, ()) == 'AI 0: the controller has no AI'
     assert sentence(2002, GO, 1000, -1, ()) == 'GO 1000 = -1: must be 0 to 65535'
     assert sentence(2002, AO, 0, 10001, ()).startswith('AO 0 = 10001: beyond the range of ')
-    assert sentence(77, DO, 1, 1, ()) == 'DO 1 = 1: result 77, which has no meaning here'
+    assert sentence(77, DO, 1, 1, ()) == 'DO 1 = 1: result 77, which is unknown'
     twelve = [IoRange(DO, 0, 12, 3)]
     assert sentence(2002, GO, 1, 16, twelve) == 'GO 1 = 16: must be 0 to 15'
 
@@ -487,7 +487,7 @@ async def test_inv9_controller_without_points_is_reported():
 
     async with ScriptedServer(talk) as server, Client(server.port) as client:
         await until(lambda: client.reports)
-        assert client.reports == ['the controller has no I/O whose values can be shown']
+        assert client.reports == ['the controller has no readable I/O']
         assert client.io.place == f'127.0.0.1:{server.port}'
         assert not client.io.states
 
@@ -551,7 +551,7 @@ async def test_motoman_outputs_are_reported():
     ('item', 'expected'),
     [
         ((AI, 2), 'AI 2: the controller has '),
-        ((9, 0), 'type 9, index 0: there is no such type'),
+        ((9, 0), 'type 9, index 0: unknown type'),
         ((DI, 4000), 'DI 4000: the controller has 0 to '),
         ((DO, -1), 'DO -1: the controller has 0 to '),
         ((DI, 0, 1), 'DI 0 = 1: an input cannot be written'),
@@ -716,6 +716,6 @@ async def test_inv9_non_numeric_answer_is_reported_with_its_command():
     server = await asyncio.start_server(attend, '127.0.0.1', 0)
     port = server.sockets[0].getsockname()[1]
     async with Client(port, profile=load_controller_profile('rc700a').io) as client:
-        await until(lambda: any("'zz' is no answer to " in report for report in client.reports))
+        await until(lambda: any("'zz' is not a reply to " in report for report in client.reports))
         assert client.io.states == ()
     server.close()

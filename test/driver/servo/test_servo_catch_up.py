@@ -70,7 +70,7 @@ async def test_speed_after_a_stall_is_limited_by_catch_up(stream, stalled_driver
         left_behind = harness.driver.servo.counts.left_behind
         assert left_behind > (LEFT_BEHIND_S / PERIOD_S) / 2.0
     (line,) = [line for line in caplog.messages if 'left the arm' in line]
-    assert '1.5 times as fast as it goes itself (servo.catch_up)' in line
+    assert '1.5 times its speed (servo.catch_up)' in line
 
 
 @pytest.mark.slow

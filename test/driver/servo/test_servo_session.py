@@ -76,7 +76,7 @@ async def test_positions_are_followed_to_the_last_and_then_a_goal_runs(smooth, l
         assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
     first, last = logged()
     assert 'following the stream of positions on ~/servo' in first
-    assert 'has ended, and the arm stands' in last
+    assert 'has ended, and the arm is at rest' in last
 
 
 async def test_jog_moves_the_arm_until_the_key_is_released():
@@ -101,7 +101,7 @@ async def test_inv4_setpoints_delayed_beyond_the_timeout_start_nothing(logged):
             servo.take(velocities(pose(SPEED), source=JOG), now() - age)
             assert not servo.active
         assert await stays(harness)
-    assert any('was held up for' in line for line in logged())
+    assert any('was delayed by' in line for line in logged())
 
 
 @pytest.mark.invariant(3)
@@ -183,7 +183,7 @@ async def test_position_outside_the_range_is_followed_to_the_limit(logged):
         await over(harness)
         assert harness.at[0] == pytest.approx(far, abs=1e-4)
         assert harness.driver.servo.counts.clipped > 10
-    lines = [line for line in logged() if 'goes as far as it may' in line]
+    lines = [line for line in logged() if 'clipped to the joint limit' in line]
     assert 1 <= len(lines) <= 4  # once a second
     assert 'joint_1: position' in lines[0]
 
@@ -237,7 +237,7 @@ async def test_inv4_stream_before_enable_is_refused_and_logged_once(logged):
         async with sending(harness, lambda _: positions(pose(0.03))):
             await harness.commands.enable()
             assert await stays(harness)
-            assert 'it holds still' in logged()[-1]
+            assert 'it holds its position' in logged()[-1]
         await asyncio.sleep(1.1 * RELEASE_S)
         await send(harness, lambda _: positions(pose(0.03)), 1.0)
         assert harness.at[0] > 0.02
@@ -251,7 +251,7 @@ async def test_inv4_distant_position_is_refused_until_the_stream_is_near_the_arm
         assert await stays(harness, 0.5)
         assert harness.driver.motion_link.statistics.frames_sent == 0
         (line,) = logged()
-        assert 'joint_1: it begins at 0.8 rad, the joint is at 0 rad' in line
+        assert 'joint_1: it starts at 0.8 rad, the joint is at 0 rad' in line
         await send(harness, ramp(0.2), 1.5)
         await over(harness)
         assert harness.at[0] == pytest.approx(0.2, abs=1e-3)
@@ -277,7 +277,7 @@ async def test_inv4_continuing_stream_after_estop_and_enable_moves_nothing(smoot
             logged()
             await harness.commands.enable()
             assert await stays(harness)
-            assert [line for line in logged() if 'it holds still: it must move on' in line]
+            assert [line for line in logged() if 'it holds its position: it must move' in line]
         await asyncio.sleep(1.1 * RELEASE_S)
         there = harness.at
         await send(harness, lambda _: positions(there + pose(0.03)), 0.5)
@@ -294,7 +294,7 @@ async def test_inv4_key_held_during_enable_moves_nothing(logged):
             await harness.commands.enable()
             assert await stays(harness)
             assert harness.driver.motion_link.statistics.frames_sent == 0
-            assert 'it must be let go of first: 1 s without a message' in logged()[-1]
+            assert 'it must be released first: 1 s without a message' in logged()[-1]
         await asyncio.sleep(1.1 * RELEASE_S)
         await send(harness, jog(), 0.5)
         assert harness.at[0] > 0.05
@@ -547,5 +547,5 @@ async def test_stream_is_refused_on_the_download_interface(logged):
         assert not harness.driver.servo.active
         assert harness.gate is None
         assert harness.at[0] == pytest.approx(0.0, abs=1e-6)
-    text = 'with interface: download the arm follows no streams'
+    text = 'with interface: download the arm follows no setpoint streams'
     assert any(text in line for line in logged())

@@ -167,7 +167,7 @@ async def test_diagnostics_report_the_remaining_release_time():
         diagnostics = Diagnostics(harness.driver, 'x', lambda _: 2)
         values = diagnostics.build(None, now()).status[-1].values
         (text,) = [value.value for value in values if value.key.endswith(JOG)]
-        assert 's more without a setpoint that asks for motion; publishers: 2' in text
+        assert 's more without a setpoint that requests motion, publishers: 2' in text
 
 
 def test_gap_with_missed_messages_does_not_release_a_stream():

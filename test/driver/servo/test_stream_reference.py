@@ -101,12 +101,12 @@ def test_empty_setpoint_is_refused():
     [
         (
             Setpoint('~/servo', np.zeros(6), changed(10.0)[0]),
-            'joint_3: velocity 10 rad/s is beyond what the joint can do, 8.97 rad/s',
+            'joint_3: velocity 10 rad/s is above the joint limit, 8.97 rad/s',
         ),
         (
             Setpoint('~/servo', STILL[0], window=Window(np.array([0.0, 1e-9]), changed(0.05))),
-            'joint_3: the way between two points as velocity -5e+07 rad/s is beyond what the '
-            'joint can do, 8.97 rad/s',
+            'joint_3: the way between two points as velocity -5e+07 rad/s is above the '
+            'joint limit, 8.97 rad/s',
         ),
         (
             Setpoint('~/servo', STILL[0], window=Window(TIMES, STILL, STILL + 1.0)),

@@ -320,5 +320,5 @@ def test_invalid_mapping_parameter_is_named(signs, offsets, factor, text):
 
 
 def test_coupling_of_two_joints_is_refused():
-    with pytest.raises(ValueError, match='j23_factor = 1: there are 2 joints'):
+    with pytest.raises(ValueError, match='j23_factor = 1: must be 0 for 2 joints'):
         joint_mapping(2, [1], [0.0], 1)

@@ -105,7 +105,7 @@ async def test_enable_and_disable_switch_motoman_servos():
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
         assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
-        assert 'disabled on request; the arm stands' in goal.outcome.text
+        assert 'disabled on request, the arm is at rest' in goal.outcome.text
         assert commands[-2:] == [Command.STOP_MOTION, Command.STOP_SERVOS]
         await until(lambda: reports(harness, drives_powered=0))
         assert harness.gate == 'disabled on request'
@@ -192,13 +192,15 @@ async def test_controller_without_motor_commands_needs_manual_operation():
     ):
         await harness.ready()
         text = await rejection(harness.commands.enable())
-        assert 'takes no such command' in text
+        assert 'does not support this command' in text
         assert Action.MOTORS_ON.value.by_hand in text
         controller.apply(Event.MOTORS_ON)
         await until(lambda: reports(harness, drives_powered=1))
         await harness.commands.enable()
         text = await harness.commands.disable()
-        assert text.endswith('takes no such command, so the motors were left as they are')
+        assert text.endswith(
+            'the motors are unchanged: the controller does not support this command'
+        )
 
 
 class Slow:

@@ -186,7 +186,7 @@ class NeverReady:
 async def test_command_is_not_sent_if_the_controller_does_not_become_ready():
     async with NeverReady() as (controller, port):
         motors = RestartingMotors('127.0.0.1', port)
-        with pytest.raises(MotorsError, match='not Ready: the arm still moves, or a task'):
+        with pytest.raises(MotorsError, match='not Ready: the arm is still moving, or a task'):
             await motors.act(Action.MOTORS_ON, 1.0)
         assert controller.received[:3] == ['Login,', 'Stop', 'GetStatus']
         assert set(controller.received[3:]) <= {'GetStatus', 'Logout'}

@@ -82,7 +82,7 @@ def test_process_returns_the_same_plan_as_the_function():
         async with planning() as (planner, recorder):
             for count in (1, 2, 3):
                 planner.ask(new_request(), LIMITS, recorder.answers.append)
-                with pytest.raises(RuntimeError, match='has a request already'):
+                with pytest.raises(RuntimeError, match='already has a request'):
                     planner.ask(new_request(), LIMITS, recorder.answers.append)
                 await recorder.until(lambda count=count: len(recorder.answers) == count)
             expected = plan(new_request(), LIMITS)
@@ -166,7 +166,7 @@ def test_unresponsive_planner_is_killed(monkeypatch):
             planner.ask(new_request(), LIMITS, recorder.answers.append)
             await recorder.until(lambda: recorder.failures)
             assert recorder.answers == [None]
-            assert recorder.failures == ['did not answer for 0.2 s']
+            assert recorder.failures == ['did not reply within 0.2 s']
             await recorder.until(lambda: planner.ready)
 
     asyncio.run(main())
@@ -212,7 +212,7 @@ def test_failed_start_raises_an_error_with_the_reason(monkeypatch, interpreter, 
         ),
         (
             r"printf '\1\0\0\0\2\0\0\0\0\0\0\0\0\0\0\0{}'; exec sleep 60",
-            'the motion planner sent 18 bytes that are no value',
+            'the motion planner sent 18 bytes without a value',
         ),
     ],
 )

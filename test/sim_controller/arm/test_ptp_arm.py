@@ -171,7 +171,7 @@ def test_number_of_points_taken_ahead_is_limited(ahead):
         one.arm.take(Point(number, at(0.1 * number + 0.1), 0.0, 0.0))
     assert not one.arm.has_room
     assert one.arm.done
-    with pytest.raises(RuntimeError, match='there is no room for a point'):
+    with pytest.raises(RuntimeError, match='no room for a point'):
         one.arm.take(Point(9, at(1.0), 0.0, 0.0))
 
 
@@ -443,10 +443,10 @@ def test_settle_requires_an_arm_without_points():
     with pytest.raises(ValueError, match='joint_1'):
         one.arm.settle(at(9.0))
     one.send(at(1.0))
-    with pytest.raises(RuntimeError, match='has points'):
+    with pytest.raises(RuntimeError, match='pending points'):
         one.arm.settle(HOME)
     one.arm.hold()
-    with pytest.raises(RuntimeError, match='has points'):
+    with pytest.raises(RuntimeError, match='pending points'):
         one.arm.settle(HOME)
     one.arm.resume()
     one.run()

@@ -233,12 +233,12 @@ def test_settled_arm_starts_from_its_new_position():
 def test_settle_is_refused_while_points_remain():
     harness = StreamingHarness()
     harness.send(FAST)
-    with pytest.raises(RuntimeError, match='has points to go to'):
+    with pytest.raises(RuntimeError, match='has pending points'):
         harness.arm.settle(ELSEWHERE)
     harness.run(0.4)
     harness.arm.hold()
     harness.until_still()
-    with pytest.raises(RuntimeError, match='has points to go to'):
+    with pytest.raises(RuntimeError, match='has pending points'):
         harness.arm.settle(ELSEWHERE)
     harness.arm.resume()
     harness.rest()

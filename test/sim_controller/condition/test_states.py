@@ -45,7 +45,7 @@ STORIES = {
         motors on:
         standstill:
         motors off: motors=BRAKING
-        motors on! still brakes
+        motors on! still braking
         motors off:
         standstill: motors=OFF""",
     'E-stop with the motors on': """
@@ -87,15 +87,15 @@ STORIES = {
         door open: door=OPEN tasks=INTERRUPTED
         door close: door=CLOSED tasks=WAIT_RECOVER
         continue: motors=ON tasks=RECOVERING
-        continue! on its way back
-        reset! try again when it is there
+        continue! already returning
+        reset! try again when it has arrived
         recovered: tasks=RUNNING
         continue! nothing is paused""",
     'door opened again during the return': """
         motors on: motors=ON
         door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
         door close: door=CLOSED tasks=WAIT_RECOVER
-        continue! still brakes
+        continue! still braking
         standstill: motors=HELD
         continue: motors=ON tasks=RECOVERING
         door open: motors=HOLDING door=OPEN tasks=INTERRUPTED

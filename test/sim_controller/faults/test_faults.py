@@ -82,7 +82,7 @@ def test_servo_error_occurs_once(harness, text, expected):
 
 def test_servo_error_is_delayed_or_cleared(harness):
     harness.start('servo_error:after=3')
-    assert harness.faults.active() == ['servo_error joint=1 after=3 (begins in 3.0 s)']
+    assert harness.faults.active() == ['servo_error joint=1 after=3 (starts in 3.0 s)']
     harness.wait(5.0)
     assert harness.actions.calls == [(3.0, 'servo_error', 0, False)]
     harness.start('servo_error:after=3')
@@ -201,9 +201,9 @@ def test_ports_of_a_fault(text, ports):
 @pytest.mark.parametrize(
     ('text', 'parts'),
     [
-        ('', ["'' is no fault", 'cut, half_open, delay']),
-        ('x' * 9999, [f"'{'x' * 40}…' is no fault"]),
-        ('quake', ["'quake' is no fault: must be one of cut,", 'reboot']),
+        ('', ["'' is not a fault", 'cut, half_open, delay']),
+        ('x' * 9999, [f"'{'x' * 40}…' is not a fault"]),
+        ('quake', ["'quake' is not a fault: must be one of cut,", 'reboot']),
         ('delay:seconds', ["delay: seconds = 'seconds'", 'a number from 0 to 60 s']),
         ('delay:1,2', ["delay: '2' must be key=value"]),
         ('delay:seconds=', ["delay: 'seconds=' must be key=value"]),
@@ -213,12 +213,12 @@ def test_ports_of_a_fault(text, ports):
         ('delay:seconds=inf', ["seconds = 'inf': must be"]),
         ('delay:1,seconds=2', ['delay: seconds is given twice']),
         ('delay:for=3601', ["for = '3601': must be a number from 0 to 3600 s"]),
-        ('delay:colour=3', ["'colour' is no parameter: must be one of seconds, for, after, port"]),
-        ('delay:count=3', ["'count' is no parameter"]),
+        ('delay:colour=3', ["'colour' is unknown: must be one of seconds, for, after, port"]),
+        ('delay:count=3', ["'count' is unknown"]),
         ('delay:port=usb', ["port = 'usb': must be motion, state, io, remote, several", 'all']),
         ('bit_errors:port=remote', ["port = 'remote': must be motion, state, io, several"]),
-        ('half_open:port=remote', ['port = remote needs for =', 'nobody could clear it']),
-        ('reboot:port=motion', ["'port' is no parameter: must be one of for, after"]),
+        ('half_open:port=remote', ['port = remote needs for =', 'because it cannot be cleared']),
+        ('reboot:port=motion', ["'port' is unknown: must be one of for, after"]),
         ('reboot 0', ["for = '0': must be a number from 0.1 to 3600 s"]),
         ('estop_at_point 0', ["point = '0': must be a whole number from 1 to 1000000"]),
         ('estop_at_point 1.5', ["point = '1.5': must be a whole number"]),
@@ -286,7 +286,7 @@ def test_active_faults_are_listed_without_commas(harness):
         'cut for=3 port=motion+state+io (2.0 s left)',
         'lost_reply count=3 port=motion (2 to strike)',
         'wrong_byte_order port=io',
-        'jitter seconds=0.05 seed=4 after=2.5 port=motion+state+io (begins in 1.5 s)',
+        'jitter seconds=0.05 seed=4 after=2.5 port=motion+state+io (starts in 1.5 s)',
     ]
 
 
@@ -299,7 +299,7 @@ def test_clear_removes_one_name_or_all(harness):
     assert harness.clear() == 0
     with pytest.raises(FaultError, match='delay: it is not active'):
         harness.clear('delay')
-    with pytest.raises(FaultError, match="'quake' is no fault: must be one of cut"):
+    with pytest.raises(FaultError, match="'quake' is not a fault: must be one of cut"):
         harness.clear('quake')
     harness.wait(10.0)
     assert harness.faults.active() == []

@@ -98,9 +98,9 @@ UNSUPPORTED, INDEX, VALUE = (
 @pytest.mark.parametrize(
     ('address', 'value', 'result', 'sentence'),
     [
-        ((0, 0), 1, UNSUPPORTED, 'type 0: there is no such type of I/O, only 1 to 7'),
-        ((8, 0), 1, UNSUPPORTED, 'type 8: there is no such type of I/O, only 1 to 7'),
-        ((-1, -1), 1, UNSUPPORTED, 'type -1: there is no such type of I/O, only 1 to 7'),
+        ((0, 0), 1, UNSUPPORTED, 'type 0: unknown type of I/O, must be 1 to 7'),
+        ((8, 0), 1, UNSUPPORTED, 'type 8: unknown type of I/O, must be 1 to 7'),
+        ((-1, -1), 1, UNSUPPORTED, 'type -1: unknown type of I/O, must be 1 to 7'),
         ((2, 16), 1, INDEX, 'DO 16: this controller has digital outputs 0 to 15'),
         ((2, -1), 1, INDEX, 'DO -1: this controller has digital outputs 0 to 15'),
         ((2, 3), 2, VALUE, 'DO 3 = 2: must be 0 to 1'),

@@ -445,7 +445,7 @@ async def test_remote_commands_over_the_network(served):
     assert (caught.value.command, caught.value.number) == ('SetMotorsOn,1', 20)
     with pytest.raises(RemoteError, match=r'Dance: the command is unknown.*error 11'):
         await execute(HOST, port, ['Dance'], 20)
-    with pytest.raises(ValueError, match='not one command'):
+    with pytest.raises(ValueError, match='must be one command'):
         await execute(HOST, port, ['Reset\r\n$SetMotorsOn'], 20)
 
 

@@ -277,9 +277,9 @@ def test_point_0_may_deviate_by_the_encoder_tolerance(off):
 @pytest.mark.parametrize(
     ('at', 'words'),
     [
-        ((0.7006, 0.3), 'joint_1 = 0.7006 rad, but it stands at 0.7 rad, more than 0.0005 rad'),
-        ((0.7, 0.2994), 'joint_2 = 0.2994 rad, but it stands at 0.3 rad'),
-        ((), 'joint_1 = 0 rad, but it stands at 0.7 rad'),
+        ((0.7006, 0.3), 'joint_1 = 0.7006 rad, but it is at 0.7 rad, more than 0.0005 rad'),
+        ((0.7, 0.2994), 'joint_2 = 0.2994 rad, but it is at 0.3 rad'),
+        ((), 'joint_1 = 0 rad, but it is at 0.7 rad'),
     ],
 )
 def test_point_0_elsewhere_is_invalid(at, words, caplog):
@@ -302,7 +302,7 @@ def test_point_0_in_motion_is_invalid():
 FLOAT32_ABOVE = float(np.nextafter(np.float32(3.3), np.float32(4.0)))
 
 WRONG = {
-    'group': ({'robot_id': 1}, 3004, 'robot_id = 1: there is only group 0'),
+    'group': ({'robot_id': 1}, 3004, 'robot_id = 1: must be 0'),
     'group of all': ({'robot_id': -1}, 3004, 'robot_id = -1'),
     'no fields': ({'fields': 0}, 3015, 'valid_fields = 0: without time, position, velocity'),
     'no time': ({'fields': 6}, 3015, 'valid_fields = 6: without time'),
@@ -312,8 +312,12 @@ WRONG = {
     'time inf': ({'time': INF}, 3016, 'time = inf s'),
     'time negative': ({'time': -0.5}, 3016, 'time = -0.5 s'),
     'time too long': ({'time': 14400.0}, 3016, 'time = 14400 s'),
-    'time again': ({'time': 1.0}, 3016, 'time = 1 s: must be after 1 s, the point before'),
-    'time back': ({'time': 0.5}, 3016, 'time = 0.5 s: must be after 1 s'),
+    'time again': (
+        {'time': 1.0},
+        3016,
+        'time = 1 s: must be later than 1 s of the previous point',
+    ),
+    'time back': ({'time': 0.5}, 3016, 'time = 0.5 s: must be later than 1 s'),
     'position nan': ({'at': (NAN,)}, 3012, 'positions[0] = nan is not finite'),
     'unused position nan': ({'at': (0,) * 9 + (NAN,)}, 3012, 'positions[9] = nan'),
     'position inf': ({'at': (0, -INF)}, 3012, 'positions[1] = -inf'),

@@ -150,7 +150,7 @@ def test_pause_continue_stop_and_start():
     assert remote('Stop') == '#Stop,0'
     assert remote.controller.condition.tasks is Tasks.STOPPED
     assert remote('Start,0') == '!Start,20'
-    assert remote('Sim,why') == '#Sim,the arm still moves: try again when it stands'
+    assert remote('Sim,why') == '#Sim,the arm is still moving: try again when it has stopped'
     remote.harness.rest()
     assert remote('Pause') == '!Pause,20'
     assert remote('Start,0') == '#Start,0'
@@ -164,10 +164,10 @@ VIOLATIONS = {
     'no Safeguard': ('door open', 'the safeguard door is open: close it first'),
     'no Error': (
         'refused',
-        'there is error 4031 (motion attempted with the motors off): reset first',
+        'error 4031 (motion attempted with the motors off): reset first',
     ),
     'no SPEL+ program': ('spel', 'the program runs: stop first'),
-    'tasks run': ('stop', 'the tasks are stopped: there is nothing to pause'),
+    'tasks run': ('stop', 'the tasks are stopped: nothing to pause'),
     'Paused': ('nothing', 'nothing is paused'),
 }
 """Event that violates each requirement, and the text of the rejection."""
@@ -209,7 +209,7 @@ def test_commands_that_require_ready_are_refused_in_motion(name):
     needs = [need.text for need in COMMANDS[name].requirements]
     if 'Ready' in needs:
         assert answer == f'!{name},20'
-        assert remote('Sim,why') == '#Sim,the arm still moves: try again when it stands'
+        assert remote('Sim,why') == '#Sim,the arm is still moving: try again when it has stopped'
         assert remote.controller.in_motion
     elif name == 'Continue':
         assert answer == '!Continue,20'

@@ -143,7 +143,7 @@ def test_each_client_has_its_own_login_and_last_rejection(remote):
     assert remote('GetStatus').startswith('#')
     assert remote('Continue') == '!Continue,20'
     assert other('Login') == '#Login,0'
-    assert other('Sim,why') == '#Sim,nobody is logged in'
+    assert other('Sim,why') == '#Sim,no client is logged in'
     assert remote('Sim,why') == '#Sim,nothing is paused'
 
 

@@ -273,7 +273,7 @@ def test_scara_moves_and_reports_its_joints():
     one_in(
         4,
         [
-            (['--motion', 'ptp'], '--motion: a SPEL+ program moves as its statements say'),
+            (['--motion', 'ptp'], '--motion: a SPEL+ program moves according to its statements'),
             (['--define', 'FULL_POWER'], 'must be NAME=VALUE'),
             (['--define', 'FULLPOWER=1'], "no file of the project has a line #define 'FULLPOWER'"),
             (['--state-period', '0.01'], '--state-period: a SPEL+ program sends when'),

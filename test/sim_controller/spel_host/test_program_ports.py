@@ -31,7 +31,7 @@ def test_port_is_refused_unless_open_and_free(caplog):
     with pytest.raises(ConnectionRefusedError, match='has not opened the io port'):
         made.client('io')
     connection, _ = made.client('2001')
-    with pytest.raises(ConnectionRefusedError, match='has a client already'):
+    with pytest.raises(ConnectionRefusedError, match='already has a client'):
         made.client('2001')
     connection.closed()
     with pytest.raises(ConnectionRefusedError, match='lost its client'):

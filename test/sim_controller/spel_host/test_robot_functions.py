@@ -214,7 +214,7 @@ def test_unknown_pulses_are_assumed_with_one_warning(caplog):
     harness = run_main(caplog, body, model=load_robot_model('t6_602s'), start=start)
     known = round(0.1 * 3640.89 * 180.0 / np.pi)
     assert [each for each in caplog.messages if 'pulses' in each] == [
-        'the encoder pulses of joint_3, joint_4 of the t6_602s are not known: '
-        '10000 per degree or mm assumed'
+        'the encoder pulses of joint_3, joint_4 of the t6_602s are unknown, '
+        'assuming 10000 per degree or mm'
     ]
     assert harness.printed == [f'{known} -100000 -2000000', '-200000']

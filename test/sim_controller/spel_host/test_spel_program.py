@@ -495,7 +495,7 @@ def test_error_is_reported_with_text_file_and_line(caplog):
     message = f'{text}, at main.prg:5 in main (task 1)'
     assert answer(harness.controller, 'GetErrMsg,9992,0') == f'#GetErrMsg,{message}'
     assert answer(harness.controller, 'Start,0') == '!Start,20'
-    assert 'there is error 9992 (an array index' in caplog.text
+    assert 'error 9992 (an array index' in caplog.text
     harness.do('reset')
     assert (
         answer(harness.controller, 'GetErrMsg,9992,0')

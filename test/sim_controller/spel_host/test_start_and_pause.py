@@ -213,7 +213,7 @@ def test_inv4_cont_is_refused_while_the_door_is_open(caplog):
     harness.controller.io.set_input(1, 2, 1)
     harness.step(1.0)
     assert 'continued' in harness.printed
-    text = 'the program asks for continue: the safeguard door is open: close it, then continue'
+    text = 'the program requests continue: the safeguard door is open: close it, then continue'
     assert text in caplog.text
     assert 'main paused main.prg:14' in harness.tasks
     assert harness.controller.condition.tasks is Tasks.INTERRUPTED
@@ -250,7 +250,7 @@ def test_cont_without_a_pause_is_logged_and_changes_nothing(caplog):
     harness = SpelProgramHarness('Function main\n  Cont\n  Print "on"\nFend\n', caplog)
     harness.step(0.1)
     assert harness.printed == ['on']
-    assert 'the program asks for continue: ' in caplog.text
+    assert 'the program requests continue: ' in caplog.text
     assert harness.controller.error_number == 0
 
 
@@ -335,7 +335,7 @@ def test_statements_are_counted_and_frames_are_refused(caplog):
     assert 10 <= program.statements - before <= 40
     assert program.ready
     frame = Frame(11, 2, 0, bytes(40), ByteOrder.LITTLE)
-    with pytest.raises(RuntimeError, match=r'a SPEL\+ program takes no frame \(11\)'):
+    with pytest.raises(RuntimeError, match=r'a SPEL\+ program accepts no frame \(11\)'):
         program.receive(frame)
 
 
