@@ -169,6 +169,9 @@ def test_every_declared_parameter_is_described(made):
     assert declared - of_every_node == described
 
 
+ONLY_AFTER_A_STOP = {'STOP did not work', 'stream to release: <topic>'}
+
+
 def test_every_diagnostics_key_is_described():
     described = set()
     for cell in re.findall(r'^\* (`.*?`): ', section('Diagnostics'), re.MULTILINE):
@@ -188,7 +191,7 @@ def test_every_diagnostics_key_is_described():
             message = diagnostics.build(Time(), now())
             keys = {value.key for status in message.status for value in status.values}
             keys = {re.sub(r'^bad frames: .*', 'bad frames: <cause>', key) for key in keys}
-            assert keys == described
+            assert keys == described - ONLY_AFTER_A_STOP
 
     run_scenario(scenario())
 
