@@ -3,11 +3,13 @@
 """Motors, E-stop, lost clients and state of the controller core on a manual clock."""
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.controller_harness import (
     FAILURE,
+    LIMITS,
     MODEL,
     PROFILE,
     STOP,
@@ -15,7 +17,9 @@ from support.controller_harness import (
     Harness,
     InlinePlanner,
     Peer,
+    frame,
     point,
+    split,
 )
 
 from epson_driver.sim_controller.assembly import new_controller
@@ -287,3 +291,22 @@ def test_client_of_an_unknown_port_is_refused():
     with pytest.raises(ValueError, match='teapot must be a port'):
         controller.connect('teapot', Peer())
     controller.connect('remote', Peer())  # the failed attempt has no effect
+
+
+def test_io_requests_fail_while_the_tasks_are_stopped():
+    harness, peer = Harness(), Peer()
+    session = harness.controller.connect('io', peer)
+    for event, code in (('motors on', SUCCESS), ('stop', FAILURE), ('start', SUCCESS)):
+        harness.do(event)
+        session.receive(frame(65201, 2, 0, struct.pack('<4i', 7, 1, 1, 3)))
+        assert split(peer.take())[0][:3] == (65201, 3, code)
+
+
+@pytest.mark.invariant(2)
+def test_inv2_profile_with_low_power_keeps_the_arm_slow():
+    motion = replace(PROFILE.motion, power='low')
+    harness = Harness(profile=replace(PROFILE, motion=motion), planner=InlinePlanner())
+    harness.send(point(0, (0.1,) * 6))
+    velocities = np.abs(np.diff(harness.run(), axis=0)) / 0.004
+    assert np.all(velocities <= 0.05 * LIMITS.velocity * 1.001)
+    assert 0.1 < np.max(velocities @ MODEL.reach) <= 0.25
