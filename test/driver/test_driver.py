@@ -251,6 +251,17 @@ async def test_inv4_estop_ends_the_goal_and_closes_the_gate():
         assert (await harness.submit(harness.at).end()).end is End.SUCCEEDED
 
 
+async def test_motors_off_ends_the_goal_and_closes_the_gate():
+    async with cell() as (harness, controller):
+        goal = harness.submit(pose(1.0))
+        await harness.until_moving()
+        controller.apply(Event.MOTORS_OFF)
+        await goal.end()
+        await until(lambda: harness.gate is not None)
+        assert 'motors are off' in harness.gate
+        assert goal.outcome.end is End.ABORTED
+
+
 async def test_fault_ends_a_waiting_goal_with_the_same_reason():
     async with cell() as (harness, _):
         first = harness.submit(pose(1.0))

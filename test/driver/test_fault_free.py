@@ -6,13 +6,12 @@ import asyncio
 
 import numpy as np
 import pytest
-from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
+from support.driver_harness import JOINTS, LIMITS, cell, pose
 from support.event_loop import now, run, until
 from support.examples import one_in
 from support.fault_free_play import Play
 from support.streams import velocities
 
-from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Trajectory
 
@@ -31,9 +30,7 @@ def scale(harness, factor):
 
 def submit(harness, times, positions, goal_time=0.0):
     trajectory = Trajectory(LIMITS.names, np.array(times), np.array(positions))
-    submitted = Submitted(Goal(trajectory, np.full(JOINTS, 0.01), goal_time))
-    harness.driver.goal_queue.submit(submitted.handle)
-    return submitted
+    return harness.execute(trajectory, goal_time=goal_time)
 
 
 async def succeeds(harness, goal):

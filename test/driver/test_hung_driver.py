@@ -14,17 +14,17 @@ from itertools import product
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, pose, simulated
+from support import driver_harness
+from support.driver_harness import Harness, options_of, pose, simulated
 from support.event_loop import hanging, now, until
 from support.examples import one_in, quickly
 from support.fault_play import cell_of, make_ready
 from support.streams import positions, sending, velocities
 
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
+from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.link import WireEvent
 from epson_driver.profiles import load_controller_profile
-from epson_driver.setup.setup import profile_defaults
 from epson_driver.share import share_file, share_folder
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faults import parse
@@ -89,23 +89,16 @@ class Inbox:
 
 
 @contextlib.asynccontextmanager
-async def cell(kind, **changes):
+async def cell(kind):
     name, smooth, interface = KINDS[kind]
     profile = load_controller_profile(name)
-    usual = profile_defaults(profile)
-    async with simulated(profile=profile, smooth=smooth) as (controller, ports):
-        options = {
-            'delivery': delivery_rules(profile, interface, usual['point_message']),
-            'client_timeout': profile.server.client_timeout,
-            'motors': profile.program.motors,
-        }
-        async with Harness(ports, **options | changes) as harness:
-            harness.driver.servo.settings = harness.driver.servo.settings.__class__(
-                period=usual['servo.period']
-            )
-            await harness.ready()
-            await harness.commands.enable()
-            yield harness, controller, Arm(controller)
+    options = options_of(profile, interface) | {'client_timeout': profile.server.client_timeout}
+    async with driver_harness.cell(profile=profile, smooth=smooth, **options) as (
+        harness,
+        controller,
+    ):
+        harness.driver.servo.settings = ServoSettings(period=profile.program.setpoint_period)
+        yield harness, controller, Arm(controller)
 
 
 def timeout_of(kind):

@@ -24,7 +24,6 @@ from epson_driver.processes.command import EXECUTABLES
 from epson_driver.profiles import load_controller_profile
 from epson_driver.setup.setup import make_setup
 from epson_driver.setup.table import ROWS
-from epson_driver.simple_message import ByteOrder
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'migration.md'
 
@@ -72,17 +71,6 @@ async def test_b1_frame_of_4000_bytes_is_skipped():
         seen = len(harness.events.samples)
         await until(lambda: len(harness.events.samples) > seen + 2)
         assert counted.connections == 1
-
-
-async def test_b2_wrong_byte_order_ends_the_connection_with_a_reason():
-    """The old client waited for 939,524,096 bytes, the misread length of a small message."""
-    async with ScriptedController() as controller:  # it writes little endian
-        async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
-            await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
-            await until(lambda: any('length' in why for _, why in harness.events.links))
-            assert not harness.events.samples
-        async with Harness(controller.ports) as harness:
-            await harness.ready()
 
 
 def test_147_more_than_ten_joints_are_refused():

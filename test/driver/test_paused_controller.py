@@ -9,13 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.driver_harness import (
-    Harness,
     answer,
     cell,
     options_of,
     pose,
     scripted_cell,
-    simulated,
 )
 from support.event_loop import until
 
@@ -133,12 +131,7 @@ async def paused_goal(name):
     """
     profile = load_controller_profile(name)
     profile = replace(profile, motion=replace(profile.motion, pending_limit=1000))
-    async with (
-        simulated(profile=profile) as (controller, ports),
-        Harness(ports, **options_of(profile)) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+    async with cell(profile=profile, **options_of(profile)) as (harness, controller):
         goal = harness.submit(*(pose(0.1 * step) for step in range(1, 9)), step=0.2)
         await harness.until_moving()
         controller.apply(Event.PAUSE)

@@ -13,9 +13,7 @@ import numpy as np
 import pytest
 from support.driver_harness import (
     HOME,
-    JOINTS,
     LIMITS,
-    Submitted,
     pose,
     smooth_on_the_spot,
 )
@@ -23,7 +21,7 @@ from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
 from support.streams import sending, velocities
 
-from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.motion import Trajectory
@@ -95,12 +93,6 @@ async def robot(name, smoothing=None):
         yield harness, controller
 
 
-def submit(harness, trajectory):
-    submitted = Submitted(Goal(trajectory, np.full(JOINTS, 0.01), goal_time=0.0))
-    harness.process.copy().run(harness.driver.goal_queue.submit, submitted.handle)
-    return submitted
-
-
 async def executed(name, trajectory, factor=1.0):
     """Return the text of a refusal and the arm's peak speed, rad/s."""
     async with robot(name) as (harness, controller):
@@ -110,7 +102,7 @@ async def executed(name, trajectory, factor=1.0):
         except ValueError as refusal:
             assert speedometer.peak == 0.0
             return str(refusal), 0.0
-        outcome = await submit(harness, trajectory).end()
+        outcome = await harness.execute(trajectory).end()
         if outcome.code is ErrorCode.INVALID_GOAL:
             assert speedometer.peak == 0.0
             return outcome.text, 0.0
@@ -186,7 +178,7 @@ def slow_path(name):
 
 async def paused_in_motion(harness, controller, trajectory, at=0.25):
     """Submit a goal and pause it when joint 1 passes `at`; return it and the arm's position."""
-    goal = submit(harness, trajectory)
+    goal = harness.execute(trajectory)
     await until(lambda: where(controller)[0] > at)
     here = where(controller)
     assert harness.driver.goal_queue.set_speed(0.0).startswith('pausing')
@@ -251,7 +243,7 @@ async def test_inv10_pause_skips_no_point_of_a_path_to_and_fro(
     plan = to_and_fro(4, share)
     async with robot(name, smoothing) as (harness, controller):
         speedometer = Speedometer(controller)
-        goal = submit(harness, plan)
+        goal = harness.execute(plan)
         times = []
         take = goal.handle.on_feedback
 
@@ -321,7 +313,7 @@ async def test_inv10_pause_stops_a_stream_until_it_ends(name):
 async def test_goal_submitted_in_a_pause_starts_after_it():
     async with robot('simulated') as (harness, controller):
         harness.driver.goal_queue.set_speed(0.0)
-        goal = submit(harness, one_point(0.5))
+        goal = harness.execute(one_point(0.5))
         await asyncio.sleep(5.0)
         np.testing.assert_array_equal(where(controller), HOME)
         assert not goal.outcomes
@@ -341,7 +333,7 @@ async def test_inv4_paused_goal_that_has_ended_does_not_resume(event, when):
         if event == 'cancel':
             harness.driver.goal_queue.cancel(goal.handle)
         elif event == 'new goal':
-            other = submit(harness, one_point(1.0, distance=0.3))
+            other = harness.execute(one_point(1.0, distance=0.3))
         elif event == 'e_stop':
             controller.apply(Event.ESTOP_PRESS)
         elif event == 'cut':
@@ -384,7 +376,7 @@ async def test_inv1_arm_moved_during_a_pause_does_not_resume():
 async def test_random_pauses_end_in_one_success():
     rng = np.random.default_rng(1)
     async with robot('simulated') as (harness, _):
-        goal = submit(harness, slow_path('simulated'))
+        goal = harness.execute(slow_path('simulated'))
         for _ in range(12):
             await asyncio.sleep(float(rng.uniform(0.0, 0.5)))
             harness.driver.goal_queue.set_speed(float(rng.choice([0.0, 0.0, 0.5, 1.0])))
@@ -406,7 +398,7 @@ async def test_refused_pause_states_its_reason_and_the_motion_continues(name, re
         goals = harness.driver.goal_queue
         with pytest.raises(ValueError, match=f'factor = 0: {reason}'):
             goals.set_speed(0.0)
-        goal = submit(harness, one_point(2.0))
+        goal = harness.execute(one_point(2.0))
         await until(lambda: controller.in_motion)
         with pytest.raises(ValueError, match=f'factor = 0: {reason}'):
             goals.set_speed(0.0)

@@ -9,9 +9,7 @@ import signal
 import numpy as np
 import pytest
 from support.driver_harness import (
-    JOINTS,
     LIMITS,
-    Submitted,
     cell,
     plan_in_real_time,
     pose,
@@ -19,7 +17,7 @@ from support.driver_harness import (
 from support.event_loop import PATIENCE, run, stand_still, until
 
 from epson_driver.driver import smoothing
-from epson_driver.driver.goal.goal import Goal, untimed
+from epson_driver.driver.goal.goal import untimed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, SmoothingProcess
 from epson_driver.motion import Trajectory
@@ -76,8 +74,7 @@ async def test_goal_without_times_is_retimed_and_executed():
     async with cell(smoothing=Smoothing(None, True)) as (harness, _):
         positions = np.stack([harness.at, pose(0.2), pose(0.2, 0.3)])
         plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
-        goal = Submitted(Goal(plan, np.full(JOINTS, 0.01), goal_time=0.0))
-        harness.driver.goal_queue.submit(goal.handle)
+        goal = harness.execute(plan)
         assert (await goal.end()).end is End.SUCCEEDED
         assert np.abs(harness.at - pose(0.2, 0.3)).max() < 1e-6
         assert len(goal.handle.execution.goal.trajectory.times) == 3

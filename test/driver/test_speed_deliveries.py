@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import goal_execution_harness
-from support.driver_harness import Harness, options_of, pose, simulated
+from support.driver_harness import cell, options_of, pose
 
 from epson_driver.driver.goal.reference import RAMP_PER_S
 from epson_driver.driver.outcome import End
@@ -24,10 +24,7 @@ async def cell_of(name, **motion):
     """Run an enabled driver with the controller of a profile; yield it and the points received."""
     profile = load_controller_profile(name)
     profile = replace(profile, motion=replace(profile.motion, **motion))
-    async with (
-        simulated(profile=profile) as (controller, ports),
-        Harness(ports, **options_of(profile)) as harness,
-    ):
+    async with cell(profile=profile, **options_of(profile)) as (harness, controller):
         points = []
         take = controller.program.receive
 
@@ -38,8 +35,6 @@ async def cell_of(name, **motion):
             return take(frame, *rest)
 
         controller.program.receive = receive
-        await harness.ready()
-        await harness.commands.enable()
         yield harness, points
 
 

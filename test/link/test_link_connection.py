@@ -27,7 +27,6 @@ from epson_driver.simple_message import (
     Ping,
     Real,
     ReplyCode,
-    Status,
     encode,
     reply,
     request,
@@ -186,21 +185,6 @@ async def test_attempts_slow_down_if_the_server_closes_connections():
         assert gaps[0] < 0.1
         assert all(gap > 0.05 for gap in gaps[1:])
         assert gaps[-1] > gaps[1]
-
-
-async def test_messages_are_received_in_single_bytes():
-    messages = [JointPosition(0, (0.5,) + (0.0,) * 9), Status(1, 0, 0, 0, 0, 2, 1), Ping()]
-
-    async def talk(connection):
-        for message in messages:
-            for byte in encode(topic(message), Dialect()):
-                await connection.send(bytes([byte]))
-                await asyncio.sleep(0)
-        await connection.stay()
-
-    async with Peer(talk) as peer, Harness(peer.port) as harness:
-        await until(lambda: len(harness.packets) == 3)
-        assert harness.messages == messages
 
 
 DIALECTS = [Dialect(order, real) for order in ByteOrder for real in Real]

@@ -154,20 +154,19 @@ class Harness:
             )
         )
 
-    def submit(self, *points, step=0.6, tolerance=0.01, start=None, ahead=None):
+    def submit(self, *points, step=0.6, tolerance=0.01, goal_time=0.0, start=None, ahead=None):
         """Submit a goal along the points, `step` s apart, from the arm's position or `start`.
 
         ahead: time until its start, s.
         """
         positions = np.vstack([self.at if start is None else start, *points])
-        times = np.arange(len(positions)) * step
-        goal = Goal(
-            Trajectory(LIMITS.names, times, positions),
-            np.full(JOINTS, tolerance),
-            goal_time=0.0,
-            start=0.0 if ahead is None else now() + ahead,
-        )
-        submitted = Submitted(goal)
+        trajectory = Trajectory(LIMITS.names, np.arange(len(positions)) * step, positions)
+        at = 0.0 if ahead is None else now() + ahead
+        return self.execute(trajectory, tolerance, goal_time, start=at)
+
+    def execute(self, trajectory, tolerance=0.01, goal_time=0.0, **fields):
+        """Submit a trajectory as a goal."""
+        submitted = Submitted(Goal(trajectory, np.full(JOINTS, tolerance), goal_time, **fields))
         self.process.copy().run(self.driver.goal_queue.submit, submitted.handle)
         return submitted
 
@@ -214,7 +213,7 @@ def open_gate(gate):
 
 
 def pose(*values: float) -> Array:
-    """Return joint angles; missing ones are 0."""
+    """Return joint angles, filled up with zeros."""
     return np.array([*values, *[0.0] * (JOINTS - len(values))])
 
 

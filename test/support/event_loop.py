@@ -50,7 +50,7 @@ START = 1000.0
 
 
 _MAY_HANG: ContextVar[bool] = ContextVar('may_hang', default=False)
-"""Set in a process that a test may let hang, and inherited by its tasks."""
+"""Set in a process that a test may suspend, and inherited by its tasks."""
 
 
 class EventLoop(asyncio.SelectorEventLoop):
@@ -72,7 +72,7 @@ class EventLoop(asyncio.SelectorEventLoop):
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Any, *args: Any
     ) -> Any:
-        """Call a function in a thread; until it is done, time is real."""
+        """Call a function in a thread, with real time until it returns."""
         future = super().run_in_executor(executor, func, *args)
         self.threads += 1
         future.add_done_callback(self._thread_done)
@@ -102,7 +102,7 @@ class EventLoop(asyncio.SelectorEventLoop):
         self.threads -= 1
 
     def go_on(self) -> None:
-        """Resume hanging processes with their overdue callbacks in order."""
+        """Resume suspended processes with their overdue callbacks in order."""
         self.hangs = False
         for handle in self._held:
             if isinstance(handle, asyncio.TimerHandle):
@@ -112,7 +112,7 @@ class EventLoop(asyncio.SelectorEventLoop):
         self._held = []
 
     def _hold(self) -> None:
-        """Remove the callbacks of hanging processes."""
+        """Remove the callbacks of suspended processes."""
         ready: deque[asyncio.Handle] = self._ready  # type: ignore[has-type]
         scheduled: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[has-type]
         self._held += [handle for handle in (*ready, *scheduled) if may_hang(handle)]
@@ -129,7 +129,7 @@ class EventLoop(asyncio.SelectorEventLoop):
 
 
 def may_hang(handle: asyncio.Handle | None) -> bool:
-    """Return whether a callback belongs to a process that a test may let hang."""
+    """Return whether a callback belongs to a process that a test may suspend."""
     context = getattr(handle, '_context', None)  # asyncio has no public access
     return context is not None and bool(context.get(_MAY_HANG))
 
@@ -171,7 +171,7 @@ class _Selector(selectors.DefaultSelector):
         return ready
 
     def _readable(self) -> list[Any]:
-        """Return the files that processes which do not hang can read or write."""
+        """Return the files that running processes can read or write."""
         ready = super().select(0)
         if self._loop.hangs:
             ready = [entry for entry in ready if not any(map(may_hang, entry[0].data))]
@@ -248,7 +248,7 @@ def now() -> float:
 
 
 def own_process() -> Context:
-    """Return a context for a process that may hang: a task in it and all its tasks."""
+    """Return a context for a process that a test may suspend: a task in it and all its tasks."""
     context = copy_context()
     context.run(_MAY_HANG.set, True)
     return context

@@ -6,10 +6,9 @@ import asyncio
 
 import numpy as np
 
-from epson_driver.driver.goal.goal import Goal
 from epson_driver.motion import Trajectory
 from epson_driver.sim_controller.condition.states import Event
-from support.driver_harness import JOINTS, LIMITS, Submitted
+from support.driver_harness import JOINTS, LIMITS
 from support.event_loop import now, stand_still
 from support.streams import JOG, SERVO, positions, send, velocities
 
@@ -80,10 +79,8 @@ class Play:
             times[-1] += random.uniform(0.0, 8.0)
         if random.random() < 0.7:
             times, steps = np.append(0.0, times), np.vstack([at, steps])
-        goal = Goal(Trajectory(LIMITS.names, times, steps), np.full(JOINTS, 0.01), goal_time=0.0)
-        submitted = Submitted(goal)
+        submitted = self._harness.execute(Trajectory(LIMITS.names, times, steps))
         self.goals.append(submitted)
-        self._harness.driver.goal_queue.submit(submitted.handle)
         return submitted
 
     async def _goal(self):

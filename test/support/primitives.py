@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences of motion primitives like those of a ROS client."""
+"""Sequences of motion primitives, sent like by a ROS client."""
 
 from typing import Any
 
@@ -85,7 +85,7 @@ def tool_move(
     frame: str = 'base_link',
     **arguments: float,
 ) -> MotionPrimitive:
-    """Return a line, or an arc for two offsets, to positions relative to that of READY."""
+    """Return a line, or an arc for two offsets, to positions relative to the tool at READY."""
     pose = arm.forward(np.array(READY))
     message = joint_move([], **arguments)
     message.type = (

@@ -14,7 +14,7 @@ from epson_driver.robots import RobotModel
 from epson_driver.robots.urdf import urdf
 
 LIMIT_PROBABILITY = 0.5
-"""In every other sample, the probability that a joint is at one of its limits."""
+"""Probability of a joint at one of its limits, in every other sample."""
 
 
 class CollisionBodies:
@@ -67,7 +67,7 @@ class CollisionBodies:
 
 
 def random_configurations(limits: JointLimits, number: int, seed: int) -> Iterator[Array]:
-    """Yield configurations within the limits, shape (n,), the same ones for the same seed.
+    """Yield configurations within the limits, shape (n,), which depend on the seed alone.
 
     Every other one, from the first, is uniform. In the others each joint may be at one of its
     limits like in a folded arm, which uniform samples rarely reach.

@@ -12,7 +12,7 @@ import numpy as np
 from epson_driver.driver.servo.setpoint import ServoSettings, Setpoint, Window
 from epson_driver.motion import Array
 from epson_driver.profiles import load_controller_profile
-from support.driver_harness import Harness, options_of, simulated
+from support.driver_harness import Harness, cell, options_of
 
 PERIOD = 0.02
 SERVO = '~/servo'
@@ -58,13 +58,8 @@ async def sending(harness, setpoint_at, period=PERIOD):
 @contextlib.asynccontextmanager
 async def jogging(profile: str, smooth: bool) -> AsyncIterator[Harness]:
     """Run an enabled driver at rest with the setpoint period of a simulated controller."""
-    async with (
-        simulated(profile=profile, smooth=smooth) as (_, ports),
-        Harness(ports, **options_of(profile)) as harness,
-    ):
+    async with cell(profile=profile, smooth=smooth, **options_of(profile)) as (harness, _):
         period = load_controller_profile(profile).program.setpoint_period
         harness.driver.servo.settings = ServoSettings(period=period)
-        await harness.ready()
-        await harness.commands.enable()
         await asyncio.sleep(0.5)
         yield harness

@@ -16,11 +16,10 @@ from support.driver_harness import (
     LIMITS,
     Harness,
     ScriptedController,
-    Submitted,
+    cell,
     options_of,
     pose,
     scripted_cell,
-    simulated,
 )
 from support.event_loop import until
 from support.examples import one_in, quickly
@@ -29,13 +28,12 @@ from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.delivery.reply_rejection import RESULTS, SUBCODES, reply_rejection
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S
-from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
-from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
     ByteOrder,
@@ -53,11 +51,10 @@ from epson_driver.simple_message import (
 from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
 
 PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman')
-AT_GOAL = 0.01
 
 
 @contextlib.asynccontextmanager
-async def cell_of(profile, interface=None, *, enabled=True, **options):
+async def cell_of(profile, interface=None, **options):
     """Run a driver with the controller of a profile; yield both and all packets received."""
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
@@ -65,16 +62,9 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
         'settings',
         GoalSettings(cause_timeout=cause_timeout(profile.state), require_planned_speed=False),
     )
-    async with (
-        simulated(profile=profile) as (controller, ports),
-        Harness(ports, **options_of(profile, interface) | options) as harness,
-    ):
-        received = watch(controller)
-        await harness.ready()
-        if enabled:
-            await harness.commands.enable()
-            received.clear()  # a Motoman gets STOP_MOTION first
-        yield harness, controller, received
+    options = options_of(profile, interface) | options
+    async with cell(profile=profile, **options) as (harness, controller):
+        yield harness, controller, watch(controller)
 
 
 def watch(controller):
@@ -96,22 +86,9 @@ def where(controller):
 
 
 def plan(times, positions, velocities=None):
-    return Goal(
-        Trajectory(
-            LIMITS.names,
-            np.array(times, dtype=float),
-            np.array(positions, dtype=float),
-            velocities,
-        ),
-        np.full(JOINTS, AT_GOAL),
-        goal_time=0.0,
+    return Trajectory(
+        LIMITS.names, np.array(times, dtype=float), np.array(positions, dtype=float), velocities
     )
-
-
-def hand_in(harness, goal):
-    submitted = Submitted(goal)
-    harness.driver.goal_queue.submit(submitted.handle)
-    return submitted
 
 
 A = pose(0.2, 0.05, 0.1)
@@ -141,11 +118,11 @@ async def test_three_plans_succeed_on_every_controller(name):
     async with cell_of(name) as (harness, controller, _):
         for goal in (line(), there_and_back(), dense()):
             start = plan([0.0, 0.5], [where(controller), HOME])
-            assert (await hand_in(harness, start).end()).end is End.SUCCEEDED
-            outcome = await hand_in(harness, goal).end()
+            assert (await harness.execute(start).end()).end is End.SUCCEEDED
+            outcome = await harness.execute(goal).end()
             assert outcome.end is End.SUCCEEDED, outcome
             assert not controller.in_motion
-            end = goal.trajectory.positions[-1]
+            end = goal.positions[-1]
             assert np.abs(where(controller) - end).max() < 1e-4
 
 
@@ -153,7 +130,7 @@ async def test_three_plans_succeed_on_every_controller(name):
 @pytest.mark.parametrize('interface', ['streaming', 'download'])
 async def test_both_interfaces_execute_a_plan(name, interface):
     async with cell_of(name, interface) as (harness, controller, received):
-        outcome = await hand_in(harness, there_and_back()).end()
+        outcome = await harness.execute(there_and_back()).end()
         assert outcome.end is End.SUCCEEDED, outcome
         expected = {
             'streaming': [(CommType.SERVICE_REQUEST, sequence) for sequence in (0, 1, 2)],
@@ -161,20 +138,6 @@ async def test_both_interfaces_execute_a_plan(name, interface):
         }
         assert [(p.comm_type, p.message.sequence) for p in received] == expected[interface]
         assert not controller.in_motion
-
-
-@pytest.mark.parametrize(
-    ('name', 'values'),
-    [
-        ('simulated', (11000, 11002, 11003, 0, 'streaming', 'joint_traj_pt')),
-        ('abb', (11000, 11002, 11003, 0, 'download', 'joint_traj_pt')),
-        ('motoman', (50240, 50241, 50242, 0, 'streaming', 'joint_traj_pt_full')),
-    ],
-)
-def test_profile_sets_the_default_parameters(name, values):
-    defaults = profile_defaults(load_controller_profile(name))
-    ports = ('motion_port', 'state_port', 'io_port', 'remote_port')
-    assert tuple(defaults[key] for key in (*ports, 'interface', 'point_message')) == values
 
 
 def test_time_to_wait_for_a_refusal_status_depends_on_the_status_rate():
@@ -205,18 +168,18 @@ async def test_too_long_download_is_refused_before_sending():
     async with cell_of('abb') as (harness, _, received):
         times = np.arange(101) * 0.05
         shares = np.linspace(0.0, 1.0, 101)
-        outcome = await hand_in(harness, plan(times, np.outer(shares, A))).end()
+        outcome = await harness.execute(plan(times, np.outer(shares, A))).end()
         assert outcome.end is End.ABORTED
         assert outcome.code is ErrorCode.INVALID_GOAL
         assert re.search(r'101 points, .* keeps 100 ', outcome.text), outcome.text
         assert received == []
         allowed = plan(times[:100], np.outer(shares, A)[:100])
-        assert (await hand_in(harness, allowed).end()).end is End.SUCCEEDED
+        assert (await harness.execute(allowed).end()).end is End.SUCCEEDED
 
 
 async def test_download_sends_a_single_point_twice():
     async with cell_of('simulated', 'download') as (harness, controller, received):
-        outcome = await hand_in(harness, plan([0.5], [A])).end()
+        outcome = await harness.execute(plan([0.5], [A])).end()
         assert outcome.end is End.SUCCEEDED, outcome
         first, last = (packet.message for packet in received)
         assert (first.sequence, last.sequence) == (-1, -3)
@@ -236,7 +199,7 @@ async def test_download_goal_waits_for_the_dead_time_of_all_points():
     async with cell_of(slow, 'download') as (harness, controller, received):
         shares = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 0, 6)])
         goal = plan(np.arange(12) * 0.1, np.outer(shares, pose(0.005)))
-        submitted = hand_in(harness, goal)
+        submitted = harness.execute(goal)
         await until(lambda: len(received) == 12)
         moved = False
         while not submitted.outcomes:
@@ -249,7 +212,7 @@ async def test_download_goal_waits_for_the_dead_time_of_all_points():
 
 async def test_cancel_of_a_download_sends_stop_as_a_request():
     async with cell_of('abb') as (harness, controller, received):
-        goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
+        goal = harness.execute(plan([0.0, 3.0], [HOME, pose(1.5)]))
         await harness.until_moving()
         harness.driver.goal_queue.cancel(goal.handle)
         outcome = await goal.end()
@@ -266,7 +229,7 @@ async def test_download_refused_by_the_controller_ends_with_its_error():
     """A joint offset lets the goal exceed a limit that only the controller knows."""
     mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
     async with cell_of('simulated', 'download', mapping=mapping) as (harness, controller, _):
-        goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
+        goal = harness.execute(plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
         outcome = await goal.end()
         assert outcome.end is End.ABORTED
         assert '4001' in outcome.text
@@ -282,7 +245,7 @@ async def test_inv7_long_download_queues_a_bounded_number_of_bytes():
     async with cell_of(profile, 'download') as (harness, _, received):
         count = 5000
         shares = np.linspace(0.0, 1.0, count)
-        goal = hand_in(harness, plan(np.arange(count) * 0.01, np.outer(shares, A)))
+        goal = harness.execute(plan(np.arange(count) * 0.01, np.outer(shares, A)))
         max_unsent = 0
         while len(received) < count:
             max_unsent = max(max_unsent, harness.driver.motion_link.unsent)
@@ -300,7 +263,7 @@ async def test_inv7_long_download_queues_a_bounded_number_of_bytes():
 async def test_motoman_receives_its_mode_and_full_points():
     async with cell_of('motoman') as (harness, _, received):
         goal = dense()
-        outcome = await hand_in(harness, goal).end()
+        outcome = await harness.execute(goal).end()
         assert outcome.end is End.SUCCEEDED, outcome
         mode, *points = (packet.message for packet in received)
         assert isinstance(mode, MotionCtrl)
@@ -310,18 +273,17 @@ async def test_motoman_receives_its_mode_and_full_points():
         points = [point for point, _ in itertools.groupby(points)]
         assert [point.sequence for point in points] == [*range(20)]
         assert {point.valid_fields for point in points} == {7}
-        plan_sent = goal.trajectory
         times = [point.time for point in points]
-        np.testing.assert_allclose(times, plan_sent.times, atol=1e-6)
+        np.testing.assert_allclose(times, goal.times, atol=1e-6)
         velocities = [point.velocities[:JOINTS] for point in points]
-        np.testing.assert_allclose(velocities, plan_sent.velocities, atol=1e-6)
+        np.testing.assert_allclose(velocities, goal.velocities, atol=1e-6)
 
 
 async def test_point_is_repeated_while_motoman_is_busy():
     motoman = load_controller_profile('motoman')
     small = replace(motoman, motion=replace(motoman.motion, pending_limit=2))
     async with cell_of(small) as (harness, controller, received):
-        outcome = await hand_in(harness, dense()).end()
+        outcome = await harness.execute(dense()).end()
         assert outcome.end is End.SUCCEEDED, outcome
         sequences = [
             packet.message.sequence
@@ -338,7 +300,7 @@ async def test_busy_point_is_not_repeated_after_stop():
     motoman = load_controller_profile('motoman')
     small = replace(motoman, motion=replace(motoman.motion, pending_limit=1))
     async with cell_of(small) as (harness, controller, received):
-        goal = hand_in(harness, plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
+        goal = harness.execute(plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
         await harness.until_moving()
         harness.driver.goal_queue.cancel(goal.handle)
         assert (await goal.end()).end is End.CANCELED
@@ -356,7 +318,7 @@ async def test_busy_point_is_not_repeated_after_stop():
 async def test_refused_goal_reports_the_reason_of_motoman():
     async with cell_of('motoman') as (harness, controller, _):
         controller.apply(Event.PAUSE)
-        outcome = await hand_in(harness, line()).end()
+        outcome = await harness.execute(line()).end()
         assert outcome.end is End.ABORTED
         assert 'NOT_READY' in outcome.text
         assert '5007: the controller is on hold' in outcome.text
@@ -371,7 +333,7 @@ async def test_stop_of_an_idle_motoman_sends_stop_motion():
 async def test_motoman_plan_starts_with_a_slow_approach():
     async with cell_of('motoman') as (harness, controller, received):
         goal = plan([0.0, 0.01, 0.5], [pose(0.01), pose(0.0101), A])
-        outcome = await hand_in(harness, goal).end()
+        outcome = await harness.execute(goal).end()
         assert outcome.end is End.SUCCEEDED, outcome
         first, second = (
             packet.message
@@ -389,7 +351,7 @@ async def test_speed_scaling_changes_motoman_times_and_velocities(factor):
     async with cell_of('motoman') as (harness, _, received):
         harness.driver.goal_queue.set_speed(factor)
         goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
-        outcome = await hand_in(harness, goal).end()
+        outcome = await harness.execute(goal).end()
         assert outcome.end is End.SUCCEEDED, outcome
         points = [p.message for p in received if isinstance(p.message, JointTrajPtFull)]
         times = np.diff([point.time for point in points])
@@ -402,7 +364,7 @@ async def test_speed_scaling_changes_motoman_times_and_velocities(factor):
 
 async def test_velocities_measured_by_motoman_are_used():
     async with cell_of('motoman') as (harness, _, _):
-        goal = hand_in(harness, plan([0.0, 1.0], [HOME, pose(1.0)]))
+        goal = harness.execute(plan([0.0, 1.0], [HOME, pose(1.0)]))
         await harness.until_moving()
         measured = []
         take = harness.driver.robot.on_joints
@@ -427,7 +389,7 @@ async def test_joint_mapping_applies_to_state_and_points():
         start = mapping.positions_to_ros(where(controller))
         np.testing.assert_allclose(harness.at, start, atol=1e-6)
         target = start + pose(0.2, 0.15, -0.1, 0.0, 0.0, 0.3)
-        goal = hand_in(harness, plan([0.0, 0.5], [start, target]))
+        goal = harness.execute(plan([0.0, 0.5], [start, target]))
         assert (await goal.end()).end is End.SUCCEEDED
         expected = mapping.positions_to_controller(target)
         assert np.abs(where(controller) - expected).max() < 1e-4
@@ -441,7 +403,7 @@ async def test_joint_mapping_applies_to_state_and_points():
 @pytest.mark.parametrize('name', ['simulated', 'abb', 'motoman'])
 async def test_nothing_is_sent_after_a_disabled_goal_ends(name):
     async with cell_of(name) as (harness, _, received):
-        goal = hand_in(harness, dense())
+        goal = harness.execute(dense())
         await until(lambda: len(received) >= 2)
         await harness.commands.disable()
         assert goal.handle.execution.state is GoalState.ABORTED
@@ -467,7 +429,7 @@ async def test_full_points_are_sent_without_motoman_commands():
     """Like Staubli's server, the controller answers each point with a JOINT_POSITION."""
     rules = DeliveryRules(point_message='joint_traj_pt_full')
     async with scripted_cell(delivery=rules) as (harness, controller):
-        outcome = await hand_in(harness, line()).end()
+        outcome = await harness.execute(line()).end()
         await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
         assert 'joint_1 is 0.2 rad from the goal' in outcome.text
 

@@ -79,20 +79,6 @@ async def test_positions_are_followed_to_the_last_and_then_a_goal_runs(smooth, l
     assert 'has ended, and the arm is at rest' in last
 
 
-async def test_jog_moves_the_arm_until_the_key_is_released():
-    async with cell(smooth=True) as (harness, _):
-        await send(harness, jog(), 1.0)
-        moved = harness.at[0]
-        assert 0.2 < moved < 0.4
-        harness.driver.servo.take(velocities(HOME, source=JOG))  # released
-        await over(harness)
-        assert moved < harness.at[0] < moved + 0.15
-        assert await harness.rests()
-        await send(harness, jog(-SPEED), 0.5)
-        await over(harness)
-        assert harness.at[0] < moved
-
-
 @pytest.mark.invariant(4)
 async def test_inv4_setpoints_delayed_beyond_the_timeout_start_nothing(logged):
     async with cell(smooth=True) as (harness, _):
@@ -186,17 +172,6 @@ async def test_position_outside_the_range_is_followed_to_the_limit(logged):
     lines = [line for line in logged() if 'clipped to the joint limit' in line]
     assert 1 <= len(lines) <= 4  # once a second
     assert 'joint_1: position' in lines[0]
-
-
-async def test_speed_scaling_applies_to_streams():
-    async with cell(smooth=True) as (harness, _):
-        harness.driver.goal_queue.set_speed(0.0)
-        await asyncio.sleep(1.0)
-        await send(harness, lambda _: positions(pose(0.04)), 0.5)
-        assert abs(harness.at[0]) < 1e-4
-        harness.driver.goal_queue.set_speed(1.0)
-        await send(harness, lambda _: positions(pose(0.04)), 1.5)
-        assert harness.at[0] == pytest.approx(0.04, abs=1e-3)
 
 
 @pytest.mark.slow
@@ -312,27 +287,6 @@ async def test_inv4_released_joystick_counts_as_silence_and_does_not_block_goals
         assert harness.at[0] > 0.15
         async with sending(harness, lambda _: velocities(HOME)):
             await over(harness)
-
-
-@pytest.mark.invariant(3)
-@pytest.mark.parametrize(
-    'stream',
-    [pytest.param(ramp(), marks=pytest.mark.slow), jog()],
-    ids=['positions', 'velocities'],
-)
-async def test_inv3_continuing_stream_after_stop_moves_nothing(stream):
-    async with cell(smooth=True) as (harness, _):
-        async with sending(harness, stream):
-            await until(lambda: harness.at[0] > 0.1)
-            assert 'the stream of setpoints on ~/' in await harness.commands.stop()
-            assert await stays(harness)
-            assert harness.gate is None
-        await asyncio.sleep(1.1 * RELEASE_S)
-        there = harness.at[0]
-        is_positions = stream(0.0).positions is not None
-        await send(harness, ramp(start=there) if is_positions else stream, 0.5)
-        await over(harness)
-        assert harness.at[0] > there + 0.1
 
 
 async def test_stop_of_a_goal_does_not_start_a_waiting_stream():

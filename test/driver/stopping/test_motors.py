@@ -8,7 +8,7 @@ import gc
 import weakref
 
 import pytest
-from support.driver_harness import Harness, ScriptedController, frame, options_of, pose, simulated
+from support.driver_harness import Harness, ScriptedController, cell, frame, options_of, pose
 from support.event_loop import until
 
 from epson_driver.driver import arm_commands
@@ -88,16 +88,11 @@ def test_motors_of_every_profile():
 
 
 async def test_enable_and_disable_switch_motoman_servos():
-    async with (
-        simulated(profile='motoman') as (controller, ports),
-        Harness(ports, **MOTOMAN) as harness,
-    ):
+    async with cell(profile='motoman', enabled=False, **MOTOMAN) as (harness, controller):
         commands = commands_in(controller)
-        await harness.ready()
         assert controller.status().drives_powered == 0
         assert await harness.commands.enable() == 'the arm is enabled'
         assert controller.status().drives_powered == 1
-        assert commands[0] == Command.STOP_MOTION
         assert others(commands) == [Command.START_SERVOS]
         outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
         assert outcome.end is End.SUCCEEDED, outcome
@@ -115,12 +110,8 @@ async def test_enable_and_disable_switch_motoman_servos():
 
 
 async def test_reset_error_resets_the_alarm_of_a_motoman():
-    async with (
-        simulated(profile='motoman') as (controller, ports),
-        Harness(ports, **MOTOMAN) as harness,
-    ):
+    async with cell(profile='motoman', enabled=False, **MOTOMAN) as (harness, controller):
         commands = commands_in(controller)
-        await harness.ready()
         await harness.commands.enable()
         controller.apply(Event.ESTOP_PRESS)
         await until(lambda: reports(harness, e_stopped=1))
@@ -186,11 +177,7 @@ async def test_reset_of_a_motoman_without_a_link_is_refused():
 
 
 async def test_controller_without_motor_commands_needs_manual_operation():
-    async with (
-        simulated() as (controller, ports),
-        Harness(ports, motors='none') as harness,
-    ):
-        await harness.ready()
+    async with cell(enabled=False, motors='none') as (harness, controller):
         text = await rejection(harness.commands.enable())
         assert 'does not support this command' in text
         assert Action.MOTORS_ON.value.by_hand in text

@@ -6,15 +6,11 @@ import asyncio
 import contextlib
 import struct
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from support.driver_harness import (
-    JOINTS,
-    LIMITS,
     Harness,
     ScriptedController,
-    Submitted,
     answer,
     cell,
     frame,
@@ -24,9 +20,8 @@ from support.driver_harness import (
 from support.event_loop import stand_still, until
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.goal.goal import Goal, GoalSettings
+from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.motion import Trajectory
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import JointPosition, JointTrajPt, ReplyCode, decode, reply
@@ -233,24 +228,13 @@ async def test_stop_of_an_arm_at_rest_is_quick():
 # --- goals after unanswered points or an unanswered STOP ------------------------------------
 
 
-def submitted_goal(harness, to, goal_time=0.0):
-    """Submit a goal of two points from position 0."""
-    trajectory = Trajectory(
-        LIMITS.names, np.array([0.0, 0.05]), np.vstack([np.zeros(JOINTS), pose(to)])
-    )
-    goal = Goal(trajectory, np.full(JOINTS, 0.01), goal_time=goal_time)
-    submitted = Submitted(goal)
-    harness.driver.goal_queue.submit(submitted.handle)
-    return submitted
-
-
 @pytest.mark.invariant(5)
 async def test_inv5_goal_after_a_goal_time_violation_waits_for_the_stop_reply():
     """The controller may still execute the first goal."""
     async with scripted_cell(lambda _: b'', controller=MovableController) as (harness, scripted):
-        first = submitted_goal(harness, 0.3, goal_time=0.1)
+        first = harness.submit(pose(0.3), step=0.05, goal_time=0.1)
         assert (await first.end()).code is ErrorCode.GOAL_TOLERANCE_VIOLATED
-        second = submitted_goal(harness, -0.3)
+        second = harness.submit(pose(-0.3), step=0.05)
         await until(lambda: STOP in scripted.received)
         await asyncio.sleep(0.2)
         assert scripted.received == [0, STOP]
@@ -263,9 +247,9 @@ async def test_inv5_goal_after_a_goal_time_violation_waits_for_the_stop_reply():
 async def test_inv4_unanswered_stop_disables_and_ends_the_waiting_goal():
     """The controller may execute the first goal later."""
     async with scripted_cell(lambda _: b'', controller=MovableController) as (harness, scripted):
-        first = submitted_goal(harness, 0.3, goal_time=0.1)
+        first = harness.submit(pose(0.3), step=0.05, goal_time=0.1)
         await first.end()
-        second = submitted_goal(harness, -0.3)
+        second = harness.submit(pose(-0.3), step=0.05)
         await second.end()
         assert 'no reply to STOP' in second.outcome.text
         assert 'no reply to STOP' in harness.gate
@@ -299,7 +283,7 @@ async def test_inv4_enable_sends_stop_to_clear_the_controllers_queue():
         lambda _: b'' if silent else answer(1), controller=MovableController
     ) as (harness, scripted):
         assert scripted.received == []
-        await submitted_goal(harness, 0.3, goal_time=0.1).end()
+        await harness.submit(pose(0.3), step=0.05, goal_time=0.1).end()
         await until(lambda: harness.gate is not None)
         await until(lambda: harness.driver.motion_link.statistics.connections == 2)
         await until(lambda: harness.driver.motion_link.connected)
@@ -323,7 +307,7 @@ async def test_inv9_ambiguous_stop_reply_needs_rest_in_the_joint_state():
         controller=MovableController,
         settings=settings,
     ) as (harness, scripted):
-        goal = submitted_goal(harness, 0.3)
+        goal = harness.submit(pose(0.3), step=0.05)
         await until(lambda: scripted.received == [0])
         scripted.speed = 0.2
         await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
