@@ -251,17 +251,6 @@ async def test_inv4_estop_ends_the_goal_and_closes_the_gate():
         assert (await harness.submit(harness.at).end()).end is End.SUCCEEDED
 
 
-async def test_motors_off_ends_the_goal_and_closes_the_gate():
-    async with cell() as (harness, controller):
-        goal = harness.submit(pose(1.0))
-        await harness.until_moving()
-        controller.apply(Event.MOTORS_OFF)
-        await goal.end()
-        await until(lambda: harness.gate is not None)
-        assert 'motors are off' in harness.gate
-        assert goal.outcome.end is End.ABORTED
-
-
 async def test_fault_ends_a_waiting_goal_with_the_same_reason():
     async with cell() as (harness, _):
         first = harness.submit(pose(1.0))
@@ -365,16 +354,6 @@ async def test_missing_status_closes_the_gate_and_is_reported_unknown():
         scripted.shows_status = True
         await until(lambda: harness.events.status != Status())
         assert 'no STATUS' in harness.gate
-
-
-async def test_silent_state_link_is_lost_after_its_timeout():
-    async with scripted_cell(state_timeout=0.2) as (harness, scripted):
-        scripted.shows_joints = scripted.shows_status = False
-        silent = now()
-        await until(lambda: harness.gate is not None)
-        assert 0.15 < now() - silent < 0.6
-        assert 'silent for 0.2 s' in harness.gate
-        assert harness.driver.robot.sample is None
 
 
 # --- state ---------------------------------------------------------------------------
