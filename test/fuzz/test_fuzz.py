@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The short form of `make fuzz`, and all cases found so far."""
+"""The short form of `make fuzz`, and all cases that it has found."""
 
 from pathlib import Path
 
