@@ -187,7 +187,7 @@ async def test_inv9_acknowledged_stop_without_rest_is_a_failure():
         text = await rejection(harness.commands.stop())
         assert 'the arm' in text
         assert 'moving' in text
-        assert 'moves' in harness.gate
+        assert 'moving' in harness.gate
         await until(lambda: scripted.received.count(STOP) >= 3)
         scripted.speed = 0.0
         await until(lambda: harness.driver.stopper.over)
