@@ -298,7 +298,7 @@ def test_second_remote_client_is_rejected():
             async with robot:
                 await robot.enable()
                 motion = await started_motion(robot, controller)
-                with pytest.raises(HungUpError, match='before it answered Login'):
+                with pytest.raises(HungUpError, match='before the reply to Login'):
                     await execute('127.0.0.1', ports.remote, ['Abort'], 3.0)
                 assert controller.in_motion
                 await motion.cancel()
