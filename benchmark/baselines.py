@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.closest_samples import Figures, measure
 from epson_driver.motion.interpolation import central_differences
-from epson_driver.motion.passages import Figures, measure
 from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.report.smooth_study import spline
 

@@ -11,7 +11,7 @@ from benchmark.references import ReferenceTimes
 from benchmark.strategies import STRATEGIES, Strategy, run
 from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
-from epson_driver.motion.passages import Figures
+from epson_driver.motion.closest_samples import Figures
 
 CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
 """Shares of the points after which the stream is cut in additional runs, per strategy."""
@@ -80,17 +80,17 @@ def _run_strategy(
 ) -> None:
     """Run the whole trajectory, and streams that are cut before its end."""
     shares = (1.0, *CUT_AFTER.get(strategy.name, ()))
-    for share in shares:
-        points = max(3, int(share * case.points))
+    for fraction in shares:
+        points = max(3, int(fraction * case.points))
         known = trajectory.first(points)
         try:
-            record = run(strategy, known, limits, cut=share < 1.0)
+            record = run(strategy, known, limits, cut=fraction < 1.0)
             metrics = measure(known, record, limits, strategy.timed)
         except Exception as error:  # noqa: BLE001  whatever the class under test raises
             text = f'{case.name}, {case.limits}, {strategy.name}, {points} points: '
             case.errors.append(f'{text}{type(error).__name__}: {error}')
             continue
-        if share < 1.0:
+        if fraction < 1.0:
             case.cut_streams[f'{strategy.name}, {points} points'] = metrics
         else:
             case.strategies[strategy.name] = metrics

@@ -94,17 +94,17 @@ class Extrema:
 
 def exact_extrema(smoother: Recorded, start: Array) -> Extrema:
     """Return the extrema of all motion executed since the arm rested at `start`, shape (n,)."""
-    found = Extrema()
+    result = Extrema()
     zeros = np.zeros(len(smoother.limits.names))
     state: State = (start, zeros, zeros)
-    ends = [begin for begin, _ in smoother.executed[1:]] + [smoother.now]
-    for (begin, what), end in zip(smoother.executed, ends, strict=True):
-        if what is None and end > begin:
+    ends = [first for first, _ in smoother.executed[1:]] + [smoother.now]
+    for (first, what), end in zip(smoother.executed, ends, strict=True):
+        if what is None and end > first:
             state = (state[0], zeros, zeros)
-        spans = executed_spans(what, begin, end)
+        spans = executed_spans(what, first, end)
         if spans is not None:
-            state = found.extend(spans, smoother.limits, state)
-    return found
+            state = result.extend(spans, smoother.limits, state)
+    return result
 
 
 def executed_spans(

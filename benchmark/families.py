@@ -125,11 +125,11 @@ class _Counting:
 
     def __call__(self, request: Request, limits: JointLimits) -> Plan | None:
         began = time.process_time()
-        found = plan(request, limits)
+        result = plan(request, limits)
         self.costs.append(time.process_time() - began)
         self.figures.plans += 1
-        self.figures.failed += found is None
-        return found
+        self.figures.failed += result is None
+        return result
 
 
 def run_family(name: str, seeds: Iterable[int] = WORK_SEEDS) -> FamilyFigures:

@@ -52,17 +52,17 @@ def main() -> int:
     arguments = parser.parse_args()
     logging.disable(logging.CRITICAL)
     chosen: list[Cell] = [cell for cell in cells() if re.search(arguments.only, cell.name)]
-    found = []
+    result = []
     for number, cell in enumerate(chosen, 1):
         figures = figures_of(cell)
-        found.append(figures)
+        result.append(figures)
         if figures['failure'] or arguments.only:
             print(f'{cell.name}: {_shown(figures)}', flush=True)
         elif sys.stdout.isatty():
             print(f'\r{number}/{len(chosen)} {cell.name:40}', end='', flush=True)
-    failed = sum(bool(figures['failure']) for figures in found)
-    print(f'\n{len(found)} cells, {failed} failed')
-    for row in table(found):
+    failed = sum(bool(figures['failure']) for figures in result)
+    print(f'\n{len(result)} cells, {failed} failed')
+    for row in table(result):
         print(f'| {" | ".join(row)} |')
     return int(failed > 0)
 
@@ -72,15 +72,15 @@ def table(cells: list[dict[str, Any]]) -> Iterator[Sequence[str]]:
     yield 'fault', 'cells', 'how the goal ended', 'longest rest [s]', 'longest recovery [s]'
     yield '---', '---:', '---', '---:', '---:'
     for fault in dict.fromkeys(cell['fault'] for cell in cells):
-        found = [cell for cell in cells if cell['fault'] == fault]
-        good = [cell for cell in found if not cell['failure']]
+        result = [cell for cell in cells if cell['fault'] == fault]
+        good = [cell for cell in result if not cell['failure']]
         ends = [f'{count} {end}' for end, count in Counter(cell['end'] for cell in good).items()]
-        ends += ['**failed**'] * (len(good) < len(found))
+        ends += ['**failed**'] * (len(good) < len(result))
         longest = (
             f'{max(cell[time] for cell in good):.2f}' if good else ''
             for time in ('rest', 'recovery')
         )
-        yield f'`{fault}`', str(len(found)), ', '.join(ends), *longest
+        yield f'`{fault}`', str(len(result)), ', '.join(ends), *longest
 
 
 def _shown(figures: dict[str, Any]) -> str:

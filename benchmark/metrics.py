@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmark.motion_record import Mask, Record
 from benchmark.trajectories import BenchmarkTrajectory
-from benchmark.waypoints import may_be_merged, passages
+from benchmark.waypoints import closest_sample_indices, may_be_merged
 from epson_driver.motion import Array, JointLimits
 
 MERGE_TOLERANCE_RAD = 5e-4
@@ -62,7 +62,7 @@ def measure(
     """Return the metrics of a motion along a trajectory. `timed`: it had to keep the times."""
     positions = record.positions
     last = trajectory.positions[-1]
-    passed = passages(trajectory.positions, record)
+    passed = closest_sample_indices(trajectory.positions, record)
     merged = may_be_merged(trajectory.positions, MERGE_TOLERANCE_RAD)
     errors = np.where(
         merged, np.maximum(passed.distances - MERGE_TOLERANCE_RAD, 0.0), passed.distances
@@ -122,7 +122,7 @@ def _stops(
     ]
     made = [(record.dt * first, record.dt * last) for first, last in stops(record, limits)]
     return sum(
-        not any(begin <= last and first <= end for begin, end in times) for first, last in made
+        not any(start <= last and first <= end for start, end in times) for first, last in made
     )
 
 
@@ -139,9 +139,9 @@ def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:
     edges = np.diff(still.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [
-        (int(begin), int(end))
-        for begin, end in zip(begins, ends, strict=True)
-        if end - begin + 1 >= MIN_STOP_SAMPLES and not _turns(push[begin - 1 : end + 2])
+        (int(start), int(end))
+        for start, end in zip(begins, ends, strict=True)
+        if end - start + 1 >= MIN_STOP_SAMPLES and not _turns(push[start - 1 : end + 2])
     ]
 
 
@@ -159,9 +159,9 @@ def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> lis
     edges = np.diff(resting.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [
-        (int(begin), int(end))
-        for begin, end in zip(begins, ends, strict=True)
-        if trajectory.durations[begin + 1 : end + 1].sum() >= MIN_COMMANDED_REST_S
+        (int(start), int(end))
+        for start, end in zip(begins, ends, strict=True)
+        if trajectory.durations[start + 1 : end + 1].sum() >= MIN_COMMANDED_REST_S
     ]
 
 

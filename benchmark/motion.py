@@ -25,7 +25,7 @@ from benchmark.metrics import Metrics
 from benchmark.references import References, digest
 from benchmark.strategies import STRATEGIES
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from epson_driver.motion.passages import Figures
+from epson_driver.motion.closest_samples import Figures
 
 MAX_QUICK_POINTS = 60
 CYCLE_S = 0.004
@@ -212,9 +212,9 @@ def summary(cases: list[Case]) -> Iterator[str]:
     yield f'{"":50} {" ".join(f"{head:>14}" for head in heads)} v, a, j / limit, stops'
     for name in (*SPLINES, *STRATEGIES):
         runs: list[tuple[Case, Metrics | Figures]] = [
-            (case, found)
+            (case, result)
             for case in cases
-            if (found := case.strategies.get(name) or case.splines.get(name)) is not None
+            if (result := case.strategies.get(name) or case.splines.get(name)) is not None
         ]
         if not runs:
             continue
@@ -253,20 +253,20 @@ def _pair(ratios: list[float]) -> str:
 
 def judged(cases: list[Case]) -> Iterator[tuple[str, bool]]:
     """Yield a line for each required value, and whether it is met."""
-    for each in REQUIRED:
-        found = [
-            (value, f'{case.name}, {case.limits}') for case in cases for value in each.values(case)
+    for item in REQUIRED:
+        result = [
+            (value, f'{case.name}, {case.limits}') for case in cases for value in item.values(case)
         ]
-        if not found:
-            yield f'{each.what:50} not measured', False
+        if not result:
+            yield f'{item.what:50} not measured', False
             continue
-        worst, where = max(found)
-        mean = float(np.mean([value for value, _ in found]))
-        met = (mean if each.mean else worst) <= each.most
+        worst, where = max(result)
+        mean = float(np.mean([value for value, _ in result]))
+        met = (mean if item.mean else worst) <= item.most
         mark = '' if met else '  MISSED'
         yield (
             (
-                f'{each.what:50} required {each.most:<8.4g} worst {worst:<9.4g} mean {mean:<9.4g} '
+                f'{item.what:50} required {item.most:<8.4g} worst {worst:<9.4g} mean {mean:<9.4g} '
                 f'{where}{mark}'
             ),
             met,

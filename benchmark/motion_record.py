@@ -35,5 +35,5 @@ class Record:
 
         Cubic Hermite: exact for constant jerk, and within 1e-8 rad where the jerk jumps.
         """
-        begin, end = ((self.positions[i], self.velocities[i]) for i in (samples, samples + 1))
-        return cubic(shares[:, None], self.dt, begin, end)
+        start, end = ((self.positions[i], self.velocities[i]) for i in (samples, samples + 1))
+        return cubic(shares[:, None], self.dt, start, end)

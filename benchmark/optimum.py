@@ -25,7 +25,7 @@ from benchmark.motion_record import Index, Record
 from benchmark.references import FILE, digest
 from benchmark.strategies import ON_SPLINE, STRATEGIES, run
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from benchmark.waypoints import passages
+from benchmark.waypoints import closest_sample_indices
 from epson_driver.motion import Array, JointLimits
 
 MERGED_RAD = 5e-4
@@ -95,9 +95,9 @@ def optimum(trajectory: BenchmarkTrajectory, limits: JointLimits) -> Optimum | N
 def merged(positions: Array) -> Array:
     """Return the points (n, joints) without those that are as good as the one before."""
     kept = [positions[0]]
-    for each in positions[1:]:
-        if np.abs(each - kept[-1]).max() > MERGED_RAD:
-            kept.append(each)
+    for position in positions[1:]:
+        if np.abs(position - kept[-1]).max() > MERGED_RAD:
+            kept.append(position)
     while len(kept) > 1 and np.abs(kept[-1] - positions[-1]).max() <= MERGED_RAD:
         kept.pop()
     return np.array([*kept, positions[-1]])
@@ -107,7 +107,7 @@ def _times(waypoints: Array, record: Record) -> Array:
     """Return the passage times of waypoints, starting when the motion leaves the first one, s."""
     moving = np.flatnonzero(np.abs(record.positions - waypoints[0]).max(axis=1) > 1e-6)
     there = np.flatnonzero(np.abs(record.positions - waypoints[-1]).max(axis=1) > 1e-6)
-    times = passages(waypoints, record).times
+    times = closest_sample_indices(waypoints, record).times
     times[0] = record.dt * (moving[0] - 1)
     times[-1] = record.dt * (there[-1] + 1)
     return np.maximum.accumulate(np.clip(times, times[0], times[-1]))
@@ -127,8 +127,8 @@ def _bends(waypoints: Array, record: Record) -> Array:
     for i, (start, end) in enumerate(pairwise(waypoints)):
         positions = record.positions[samples[i] : samples[i + 1] + 1]
         chord = end - start
-        share = np.clip((positions - start) @ chord / (chord @ chord), 0.0, 1.0)
-        bends.append(np.abs(positions - start - share[:, None] * chord).max(initial=0.0))
+        fraction = np.clip((positions - start) @ chord / (chord @ chord), 0.0, 1.0)
+        bends.append(np.abs(positions - start - fraction[:, None] * chord).max(initial=0.0))
     return np.array(bends)
 
 
@@ -139,7 +139,7 @@ def _solved(grid: Grid, record: Record, bends: Array, limits: JointLimits) -> Op
     n, steps, ways = len(velocity), len(grid.way), len(grid.step)
     h = ca.SX.sym('h', ways)
     q, v, a = (ca.SX.sym(name, n, steps + 1) for name in 'qva')  # as shares of V, V, A
-    j, share = ca.SX.sym('j', n, steps), ca.SX.sym('s', steps + 1)
+    j, fraction = ca.SX.sym('j', n, steps), ca.SX.sym('s', steps + 1)
     hk = ca.repmat(ca.vertcat(*[h[int(i)] for i in grid.way]).T, n, 1)
     to_v = ca.repmat(ca.DM(acceleration / velocity), 1, steps) * a[:, :-1]
     to_a, jerk_v = (
@@ -154,7 +154,7 @@ def _solved(grid: Grid, record: Record, bends: Array, limits: JointLimits) -> Op
     start = grid.waypoints[grid.way[inner - 1]].T / velocity[:, None]
     chord = np.diff(grid.waypoints, axis=0)[grid.way[inner - 1]].T / velocity[:, None]
     tube = np.repeat(bends[grid.way[inner - 1]][None, :], n, axis=0) / velocity[:, None]
-    along = ca.repmat(share[inner.tolist()].T, n, 1)
+    along = ca.repmat(fraction[inner.tolist()].T, n, 1)
     rows.append(q[:, inner.tolist()] - ca.DM(start) - along * ca.DM(chord))
     exact = np.zeros(3 * n * steps)
     bound = np.concatenate([exact, tube.T.ravel()])
@@ -185,9 +185,9 @@ def _solved(grid: Grid, record: Record, bends: Array, limits: JointLimits) -> Op
     guess = [grid.step, *begin, np.clip(slope, -1.0, 1.0), np.full(steps + 1, 0.5)]
 
     problem: dict[str, Any] = {
-        'x': ca.vertcat(h, *(ca.vec(each) for each in (q, v, a, j)), share),
+        'x': ca.vertcat(h, *(ca.vec(item) for item in (q, v, a, j)), fraction),
         'f': ca.dot(h, ca.DM(np.bincount(grid.way).astype(float))),
-        'g': ca.vertcat(*(ca.vec(each) for each in rows)),
+        'g': ca.vertcat(*(ca.vec(row) for row in rows)),
     }
     solver = ca.nlpsol('transcription', 'ipopt', problem, SOLVER)
     answer = solver(x0=_flat(guess), lbx=_flat(low), ubx=_flat(high), lbg=-bound, ubg=bound)
@@ -200,7 +200,7 @@ def _solved(grid: Grid, record: Record, bends: Array, limits: JointLimits) -> Op
 
 def _flat(tables: list[Any]) -> Array:
     """Return tables as one vector, column by column like in CasADi."""
-    return np.concatenate([np.asarray(each).T.ravel() for each in tables])
+    return np.concatenate([np.asarray(table).T.ravel() for table in tables])
 
 
 def _looked_at(
@@ -237,15 +237,16 @@ def main() -> int:
                 continue
             limits, began = limit_set(name), time.process_time()
             entry = entries[digest(trajectory.positions, limits)]
-            found = optimum(trajectory, limits)
-            if found is not None:
-                entry |= {'opt_by': 'ipopt', 'opt': round(found.duration, 6)}
+            result = optimum(trajectory, limits)
+            if result is not None:
+                entry |= {'opt_by': 'ipopt', 'opt': round(result.duration, 6)}
                 for what in ('velocity', 'acceleration', 'jerk'):
-                    entry[f'opt_{what}'] = round(getattr(found, what), 5)
+                    entry[f'opt_{what}'] = round(getattr(result, what), 5)
             took = time.process_time() - began
             print(
                 f'{trajectory.name}, {name}: '
-                f'{"nothing" if found is None else f"{found.duration:.3f} s"}, after {took:.0f} s',
+                f'{"nothing" if result is None else f"{result.duration:.3f} s"}, '
+                f'after {took:.0f} s',
                 flush=True,
             )
             FILE.write_text(json.dumps(entries, indent=1) + '\n', encoding='utf-8')

@@ -229,7 +229,7 @@ def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, flo
     Medians of the first and of the last tenth are compared, because a connection that is just
     being opened is not a leak.
     """
-    warm = [each for each in samples if each.seconds >= warm_up]
+    warm = [sample for sample in samples if sample.seconds >= warm_up]
     if len(warm) < MIN_SAMPLES:
         raise ValueError(f'only {len(warm)} samples after the warm-up of {warm_up:g} s')
     tenth = max(len(warm) // 10, 3)
@@ -241,7 +241,7 @@ def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, flo
         ('threads', 1.0, 0.5),
         ('tasks', 1.0, 0.5),
     ):
-        values = [getattr(each, name) * scale for each in warm]
+        values = [getattr(item, name) * scale for item in warm]
         first, last = median(values[:tenth]), median(values[-tenth:])
         figures[name] = {
             'warm': round(first, 3),

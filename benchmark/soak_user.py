@@ -112,9 +112,9 @@ class SoakUser:
         target = [angle, *here[1:]]
         message = JointTrajectory(joint_names=JOINTS)
         for step in range(4):
-            share = step / 3.0
-            at = [(1.0 - share) * a + share * b for a, b in zip(here, target, strict=True)]
-            whole, part = divmod(share * seconds, 1.0)
+            fraction = step / 3.0
+            at = [(1.0 - fraction) * a + fraction * b for a, b in zip(here, target, strict=True)]
+            whole, part = divmod(fraction * seconds, 1.0)
             duration = Duration(sec=int(whole), nanosec=int(part * 1e9))
             message.points.append(JointTrajectoryPoint(positions=at, time_from_start=duration))
         goal = FollowJointTrajectory.Goal(trajectory=message)
@@ -236,13 +236,13 @@ class SoakUser:
 
     def _on_status(self, message: GoalStatusArray) -> None:
         """Check that a goal does not change its state after its end."""
-        for each in message.status_list:
-            key = bytes(each.goal_info.goal_id.uuid)
+        for item in message.status_list:
+            key = bytes(item.goal_info.goal_id.uuid)
             known = self._ended.get(key)
-            if known is not None and each.status != known:
-                self._twice.append(f'a goal ended twice: {known}, then {each.status}')
-            if each.status in ENDS:
-                self._ended[key] = each.status
+            if known is not None and item.status != known:
+                self._twice.append(f'a goal ended twice: {known}, then {item.status}')
+            if item.status in ENDS:
+                self._ended[key] = item.status
 
     # --- waiting ---
 

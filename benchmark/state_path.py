@@ -111,8 +111,8 @@ class Course:
         for turn in range(rounds):
             targets = (FLOOR, OURS) if turn % 2 else (OURS, FLOOR)
             windows = self.run(rate, round(rate * seconds), targets)
-            found = dict(zip(targets, windows, strict=True))
-            pairs.append((found[FLOOR], found[OURS]))
+            result = dict(zip(targets, windows, strict=True))
+            pairs.append((result[FLOOR], result[OURS]))
 
         def ratio(name: str) -> float:
             return statistics.median(
@@ -198,9 +198,9 @@ def course() -> Iterator[Course]:
                         raise TimeoutError('no publishers')
                     time.sleep(0.1)
                 time.sleep(1.0)  # discovery lists publishers before both are matched
-                found = Course(pipe, subscriber, (floor.pid, ours.process_id))
-                found.run(200.0, WARM_UP, (FLOOR, OURS))
-                yield found
+                result = Course(pipe, subscriber, (floor.pid, ours.process_id))
+                result.run(200.0, WARM_UP, (FLOOR, OURS))
+                yield result
         finally:
             floor.kill()
             floor.wait()
@@ -215,17 +215,18 @@ def main() -> None:
     load = os.getloadavg()[0]
     with course() as running:
         for rate in RATES_HZ:
-            found = running.compare(rate, seconds, rounds)
+            result = running.compare(rate, seconds, rounds)
             for name, most in REQUIRED.items():
-                ours, floor = getattr(found.ours, name), getattr(found.floor, name)
+                ours, floor = getattr(result.ours, name), getattr(result.floor, name)
                 print(
                     f'{rate:4.0f} Hz, {name}: driver {ours * 1e6:6.0f} us, floor '
-                    f'{floor * 1e6:6.0f} us, ratio {found.ratios[name]:.2f}, required {most:.2f}'
-                    f'{"" if found.ratios[name] <= most else "  MISSED"}',
+                    f'{floor * 1e6:6.0f} us, ratio {result.ratios[name]:.2f}, required {most:.2f}'
+                    f'{"" if result.ratios[name] <= most else "  MISSED"}',
                     flush=True,
                 )
             print(
-                f'{rate:4.0f} Hz: the driver lost {found.ours.lost}, the floor {found.floor.lost}'
+                f'{rate:4.0f} Hz: the driver lost {result.ours.lost}, '
+                f'the floor {result.floor.lost}'
             )
         ours, floor = running.highest(OURS, burst), running.highest(FLOOR, burst)
     print(f'highest rate without loss: driver {ours:.0f} Hz, floor {floor:.0f} Hz')

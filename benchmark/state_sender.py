@@ -53,8 +53,8 @@ def serve(pipe: Connection, drivers: int) -> None:
     pipe.send([server.getsockname()[1] for server in servers])
     threading.Thread(target=_hold, args=(servers[0],), daemon=True).start()
     sockets = [server.accept()[0] for server in servers[1:]]
-    for each in sockets:
-        each.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    for item in sockets:
+        item.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     pipe.send('connected')
     with contextlib.suppress(EOFError):
         while True:
@@ -72,19 +72,19 @@ def _hold(server: socket.socket) -> None:
 def _send(sockets: Sequence[socket.socket], order: Order) -> list[list[float]]:
     sent: list[list[float]] = [[] for _ in sockets]
     period = 1.0 / order.rate
-    begin = time.monotonic() + BEGIN_AFTER_S
-    status_due = begin
+    start = time.monotonic() + BEGIN_AFTER_S
+    status_due = start
     for number in range(order.messages):
         data = frame(order.first + number)
-        due = begin + number * period
-        for place, each in enumerate(sockets):
+        due = start + number * period
+        for place, item in enumerate(sockets):
             wait = due + place * period / len(sockets) - time.monotonic()
             if wait > 0.0:
                 time.sleep(wait)
             sent[place].append(time.monotonic())
-            each.sendall(data)
+            item.sendall(data)
         if due >= status_due:
             status_due += STATUS_PERIOD_S
-            for each in sockets:
-                each.sendall(STATUS)
+            for item in sockets:
+                item.sendall(STATUS)
     return sent

@@ -117,7 +117,7 @@ def run(
     costs: list[float] = []
     planned: list[bool] = []
     while True:
-        begin = time.process_time()
+        start = time.process_time()
         before = (fed, plans)
         while fed < n and (ahead is None or smoother.look_ahead < ahead):
             smoother.append(positions[fed], None if durations is None else float(durations[fed]))
@@ -125,7 +125,7 @@ def run(
         if fed == n and before[0] != n and not cut:
             smoother.finish()
         state = smoother.step(SAMPLE_STEP_S)
-        costs.append(time.process_time() - begin)
+        costs.append(time.process_time() - start)
         planned.append((fed, plans) != before)
         rows.append(np.concatenate([state.position, state.velocity, state.acceleration]))
         if fed == n and not smoother.moving:

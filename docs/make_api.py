@@ -70,8 +70,10 @@ def page() -> str:
 
 def _read(file: str, name: str) -> ast.ClassDef:
     tree = ast.parse((PACKAGE / file).read_text(encoding='utf-8'))
-    (found,) = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name)
-    return found
+    (result,) = (
+        node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name
+    )
+    return result
 
 
 def _class(node: ast.ClassDef) -> Iterator[str]:
@@ -82,19 +84,19 @@ def _class(node: ast.ClassDef) -> Iterator[str]:
     if bases:
         yield f'A `{bases}`.\n'
     yield _text(node)
-    fields = [_field(each) for each in node.body if isinstance(each, ast.AnnAssign)]
+    fields = [_field(item) for item in node.body if isinstance(item, ast.AnnAssign)]
     if fields:
         yield '```py\n' + '\n'.join(fields) + '\n```\n'
-    for each in [*node.body, *(each for part in parts for each in part.body)]:
-        if not isinstance(each, Function) or each.name in WITHIN:
+    for element in [*node.body, *(element for part in parts for element in part.body)]:
+        if not isinstance(element, Function) or element.name in WITHIN:
             continue
-        if each.name == '__init__' and not fields and len(each.args.kwonlyargs) > 1:
-            yield _code(each, node.name)
-        yield from _attributes(each)
-        if not each.name.startswith('_') and ast.get_docstring(each):
-            yield f'### {node.name}.{each.name}\n'
-            yield _property(each) if _is_property(each) else _code(each, each.name)
-            yield _text(each)
+        if element.name == '__init__' and not fields and len(element.args.kwonlyargs) > 1:
+            yield _code(element, node.name)
+        yield from _attributes(element)
+        if not element.name.startswith('_') and ast.get_docstring(element):
+            yield f'### {node.name}.{element.name}\n'
+            yield _property(element) if _is_property(element) else _code(element, element.name)
+            yield _text(element)
 
 
 def _attributes(function: Function) -> Iterator[str]:
@@ -116,13 +118,13 @@ def _attributes(function: Function) -> Iterator[str]:
 
 
 def _is_property(function: Function) -> bool:
-    return any(ast.unparse(each) == 'property' for each in function.decorator_list)
+    return any(ast.unparse(item) == 'property' for item in function.decorator_list)
 
 
 def _field(node: ast.AnnAssign) -> str:
     """Return a field. A field of `Settings` has the default of its row."""
     if isinstance(node.value, ast.Call) and ast.unparse(node.value.func) == 'setting':
-        name, *usual = (ast.literal_eval(each) for each in node.value.args)
+        name, *usual = (ast.literal_eval(arg) for arg in node.value.args)
         default = usual[0] if usual else ROWS[name].default
         value = tuple(default) if isinstance(default, list) else default
         return f'{ast.unparse(node.target)}: {ast.unparse(node.annotation)} = {value!r}'
@@ -141,20 +143,20 @@ def _returned(function: Function) -> str:
 def _code(function: Function, name: str) -> str:
     """Return the signature in a block, without self."""
     arguments = function.args
-    arguments.args = [each for each in arguments.args if each.arg not in ('self', 'cls')]
+    arguments.args = [item for item in arguments.args if item.arg not in ('self', 'cls')]
     given = ast.unparse(arguments)
     returned = '' if name[0].isupper() else f' -> {_returned(function)}'
     line = f'{name}({given}){returned}'
     if len(line) > MAX_SIGNATURE:
-        each = []
+        element = []
         places = [*arguments.posonlyargs, *arguments.args]
         defaults = [None] * (len(places) - len(arguments.defaults)) + list(arguments.defaults)
-        each += [_parameter(*pair) for pair in zip(places, defaults, strict=True)]
+        element += [_parameter(*pair) for pair in zip(places, defaults, strict=True)]
         if arguments.kwonlyargs:
-            each.append('*')
+            element.append('*')
             pairs = zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
-            each += [_parameter(*pair) for pair in pairs]
-        line = f'{name}(\n' + ''.join(f'    {one},\n' for one in each) + f'){returned}'
+            element += [_parameter(*pair) for pair in pairs]
+        line = f'{name}(\n' + ''.join(f'    {one},\n' for one in element) + f'){returned}'
     return f'```py\n{line}\n```\n'
 
 

@@ -196,7 +196,7 @@ def _drawn(page: Path, text: str) -> str:
 
 
 def _folder(folder: Path) -> str:
-    names = sorted(each.name + '/' * each.is_dir() for each in folder.iterdir())
+    names = sorted(item.name + '/' * item.is_dir() for item in folder.iterdir())
     return f'# {folder.relative_to(ROOT)}\n\n' + ''.join(f'* `{name}`\n' for name in names)
 
 

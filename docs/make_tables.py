@@ -118,13 +118,13 @@ def models() -> Iterator[str]:
             model.kind,
             f'{model.reach[0] * 1e3:.0f}',
             '' if model.payload is None else f'{model.payload:g}',
-            *(_mark(model, each) for each in quantities),
+            *(_mark(model, quantity) for quantity in quantities),
         )
 
 
 def _mark(model: RobotModel, quantity: str) -> str:
-    found = model.provenance.get(quantity)
-    mark = found.worst if found else 'not known'
+    result = model.provenance.get(quantity)
+    mark = result.worst if result else 'not known'
     return {'confirmed': '', 'estimated': '**estimated**'}.get(mark, mark)
 
 
@@ -149,7 +149,9 @@ def licences() -> Iterator[str]:
     yield 'As each Python package states it in the environment in which this site was built.\n\n'
     yield _row('package', 'version', 'licence')
     yield _row('---', '---', '---')
-    packages = {each.metadata['Name'].lower(): each for each in distributions()}
+    packages = {
+        distribution.metadata['Name'].lower(): distribution for distribution in distributions()
+    }
     for _, package in sorted(packages.items()):
         yield _row(package.metadata['Name'], package.version, _licence(package))
 
@@ -158,17 +160,17 @@ def _licence(package: Distribution) -> str:
     """Return the licence of a package: expression, classifiers, field, or ROS manifest."""
     about = package.metadata
     classifiers = [
-        each.rpartition(' :: ')[2]
-        for each in about.get_all('Classifier') or ()
-        if each.startswith('License :: ') and not each.endswith('OSI Approved')
+        element.rpartition(' :: ')[2]
+        for element in about.get_all('Classifier') or ()
+        if element.startswith('License :: ') and not element.endswith('OSI Approved')
     ]
     field = (about.get('License') or '').strip().partition('\n')[0]
     stated = about.get('License-Expression') or ', '.join(classifiers) or field
     if stated in ('', 'UNKNOWN'):
         manifests = [file for file in package.files or () if file.name == 'package.xml']
         roots = [ElementTree.parse(str(package.locate_file(file))) for file in manifests]  # noqa: S314
-        found = {each.text or '' for root in roots for each in root.findall('license')}
-        stated = ', '.join(sorted(found))
+        result = {entry.text or '' for root in roots for entry in root.findall('license')}
+        stated = ', '.join(sorted(result))
     return stated or 'not stated'
 
 

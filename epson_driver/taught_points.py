@@ -249,7 +249,7 @@ class TaughtPoints:
     def places(self) -> dict[str, EpsonPoint]:
         """The points that the arm can move to."""
         held = self._points.values()
-        return {each.name: each.point for each in held if each.point and not each.why}
+        return {item.name: item.point for item in held if item.point and not item.why}
 
     def load(self, path: str | PathLike[str]) -> int:
         """Replace all points by those in a .pts or .yaml file, and return their number.
@@ -284,7 +284,7 @@ class TaughtPoints:
             raise InputError(f'name = {shown(name)}: must be a word')
         low = name.lower()
         if low[:1] == 'p' and low[1:].isdecimal():
-            numbered = (each for each in self._points.values() if each.number == int(low[1:]))
+            numbered = (point for point in self._points.values() if point.number == int(low[1:]))
             return next(numbered, None)
         return self._points.get(low)
 
@@ -293,7 +293,9 @@ class TaughtPoints:
             return self._file[0]
         items: list[Any] = [('sVersion', '"2.0.0"'), ('nNumberOfPoints', '0')]
         if self._file is not None:
-            items = [each for each in self._file[1].items if not _is_point_or_header(each)]
+            items = [
+                element for element in self._file[1].items if not _is_point_or_header(element)
+            ]
         taken = {held.number for held in self._points.values()}
         free = (number for number in range(LAST_NUMBER + 1) if number not in taken)
         numbered = []

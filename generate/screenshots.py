@@ -104,9 +104,11 @@ def _two_robots() -> None:
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
         folder = Path(name)
         names = ('left', 'right')
-        controllers = [processes.sim_controller(folder / f'{each}.log') for each in names]
+        controllers = [processes.sim_controller(folder / f'{item}.log') for item in names]
         with processes.ended_at_exit(*controllers):
-            ports = dict(zip(names, (each.ports() for each in controllers), strict=True))
+            ports = dict(
+                zip(names, (controller.ports() for controller in controllers), strict=True)
+            )
             domain = processes.free_ros_domain()
             client = processes.clients(folder / 'client.log', ports, domain)
             environment = processes.ros_environment(domain)

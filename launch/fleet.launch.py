@@ -29,7 +29,7 @@ def generate_launch_description():
     arguments = launch_arguments('params_file', 'robots', *SHARED, params_file=example)
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=robots),
         ]
     )

@@ -24,7 +24,7 @@ def generate_launch_description():
     path = Path(__file__).with_name('rviz.launch.py')
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=described),
             Node(
                 package='joint_state_publisher_gui',

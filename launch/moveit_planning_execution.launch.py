@@ -35,7 +35,7 @@ def generate_launch_description():
     arguments = launch_arguments(*INTERFACE, *more, parent='world')
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=moveit),
         ]
     )

@@ -23,7 +23,7 @@ def generate_launch_description():
     arguments = launch_arguments(*names, *DESCRIPTION)
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=publishers),
         ]
     )

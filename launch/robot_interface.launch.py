@@ -45,7 +45,7 @@ def generate_launch_description():
     )
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=processes),
         ]
     )
@@ -56,7 +56,7 @@ def processes(context: LaunchContext):
     values = dict(context.launch_configurations)
     last = values['shutdown_on_exit'] == 'true'
     respawn = values['respawn'] == 'true'
-    actions = [LogInfo(msg=f'WARNING: {each}') for each in misspelled_arguments(values)]
+    actions = [LogInfo(msg=f'WARNING: {argument}') for argument in misspelled_arguments(values)]
     parameters = client_parameters(values)
     controlled = values['ros2_control'] == 'true'
     if controlled:

@@ -19,7 +19,7 @@ def generate_launch_description():
     arguments = launch_arguments(*INTERFACE, *more)
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=files),
         ]
     )
@@ -29,10 +29,10 @@ def files(context: LaunchContext):
     """Return the driver with the description, and RViz on request."""
     values = dict(context.launch_configurations)
     driver = {name: values[name] for name in (*INTERFACE, 'interface', *DESCRIPTION)}
-    found = [included('robot_interface', driver | {'description': 'true'})]
+    result = [included('robot_interface', driver | {'description': 'true'})]
     if values['launch_rviz'] == 'true':
-        found.append(included('rviz', {name: values[name] for name in RVIZ}))
-    return found
+        result.append(included('rviz', {name: values[name] for name in RVIZ}))
+    return result
 
 
 def included(name: str, arguments: dict[str, str]):

@@ -15,7 +15,7 @@ def generate_launch_description():
     arguments = launch_arguments('namespace', 'tf_prefix', 'use_sim_time', 'rviz_config')
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=rviz),
         ]
     )

@@ -27,12 +27,12 @@ SHARED = ('use_sim_controller', 'sim_motion', 'use_sim_time')
 def generate_launch_description():
     """Return the arguments, and the robots that they select."""
     lists = launch_arguments('namespaces', 'robot_ips', *EACH)
-    for each in lists:
-        each.pop('choices', None)  # they apply to the items
+    for item in lists:
+        item.pop('choices', None)  # they apply to the items
     arguments = [*lists, *launch_arguments(*SHARED, 'panel')]
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=robots),
             Node(
                 package='epson_driver',

@@ -25,7 +25,10 @@ def generate_launch_description():
     """Return the arguments, robot_interface.launch.py and, on request, the panel."""
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS, 'panel')),
+            *(
+                DeclareLaunchArgument(**argument)
+                for argument in launch_arguments(*ARGUMENTS, 'panel')
+            ),
             OpaqueFunction(function=included),
             Node(
                 package='epson_driver',

@@ -16,7 +16,7 @@ def generate_launch_description():
     arguments = launch_arguments(*PASSED, 'namespace', 'params_file', 'use_sim_time')
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in arguments),
+            *(DeclareLaunchArgument(**argument) for argument in arguments),
             OpaqueFunction(function=smooth_goals),
         ]
     )

@@ -17,7 +17,7 @@ def generate_launch_description():
     """Return the arguments and joint_sliders.launch.py."""
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS)),
+            *(DeclareLaunchArgument(**argument) for argument in launch_arguments(*ARGUMENTS)),
             OpaqueFunction(function=included),
         ]
     )

@@ -83,13 +83,13 @@ class ArmLimits:
 
     def judge(self, spans: Spans, before: State | None) -> State:
         """Judge executed spans after a state, None if unknown. Returns the state at their end."""
-        found = Extrema()
-        after = found.extend(spans, self._limits, before or spans[2])
-        if found.worst > 1.0 + SHARE or found.outside > OUTSIDE_RAD:
-            self._break(BrokenError(f'2: beyond its limits at an instant: {found}'))
-        jump = max(found.velocity_jump, found.acceleration_jump)
-        if jump > JUMP_SHARE or found.position_jump > OUTSIDE_RAD:
-            self._break(BrokenError(f'2: its motion jumps: {found}'))
+        result = Extrema()
+        after = result.extend(spans, self._limits, before or spans[2])
+        if result.worst > 1.0 + SHARE or result.outside > OUTSIDE_RAD:
+            self._break(BrokenError(f'2: beyond its limits at an instant: {result}'))
+        jump = max(result.velocity_jump, result.acceleration_jump)
+        if jump > JUMP_SHARE or result.position_jump > OUTSIDE_RAD:
+            self._break(BrokenError(f'2: its motion jumps: {result}'))
         return after
 
 
@@ -167,7 +167,7 @@ class Segments(list[Segment]):
                 velocity, acceleration = velocity + v, acceleration + a
             return position, velocity, acceleration
 
-        instants = [cuts(each.motion, each.begin, self._since, now) for each in self]
+        instants = [cuts(item.motion, item.begin, self._since, now) for item in self]
         spans = spans_of(at, np.concatenate(instants))
         self._since = now
         self._state = self._oracle.judge(spans, self._state)
@@ -198,8 +198,8 @@ def spans_of(at: At, instants: Array) -> Spans:
 
 def cuts(motion: Motion | JointStop, begin: float, since: float, until: float) -> Array:
     """Return both ends, and the instants between at which its jerk may jump, s."""
-    found = begin + np.array(_jumps(motion))
-    return np.concatenate([[since], found[(found > since) & (found < until)], [until]])
+    result = begin + np.array(_jumps(motion))
+    return np.concatenate([[since], result[(result > since) & (result < until)], [until]])
 
 
 def _jumps(motion: Any) -> list[float]:
@@ -214,7 +214,11 @@ def _jumps(motion: Any) -> list[float]:
         ]
     if isinstance(motion, JointStop):
         profiles = [trajectory.profiles[0][0] for trajectory in motion.trajectories]
-        return [float(time) for each in profiles for time in np.cumsum([*each.brake.t, *each.t])]
+        return [
+            float(time)
+            for profile in profiles
+            for time in np.cumsum([*profile.brake.t, *profile.t])
+        ]
     if isinstance(motion, CurveMotion):
         return _passages(motion)
     times: list[float] = motion.pieces.times.tolist()

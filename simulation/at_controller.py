@@ -51,7 +51,7 @@ MOVES_S = 20.0
 """Maximum time for which the arm may move after a person's `continue`, s."""
 
 
-class Surroundings(Protocol):
+class ProgramEnvironment(Protocol):
     """The parts of the world used here."""
 
     arm: Arm
@@ -75,7 +75,7 @@ class Surroundings(Protocol):
 class AtController:
     """The controller's side of a world. Public methods are events of the world."""
 
-    def __init__(self, world: Surroundings) -> None:
+    def __init__(self, world: ProgramEnvironment) -> None:
         self._world = world
         self._now: Callable[[], float] = world.loop.true_time
         self._unsure_until = self._read_from = 0.0
@@ -94,8 +94,11 @@ class AtController:
 
     def why_shut(self, since: float) -> str | None:
         """Return why the arm must be disabled, for a driver that has run since `since`."""
-        for why, begun in self._shut.items():
-            if self._now() - max(begun, since, self._unsure_until) > KNOWN_S + self._world.person:
+        for why, started in self._shut.items():
+            if (
+                self._now() - max(started, since, self._unsure_until)
+                > KNOWN_S + self._world.person
+            ):
                 return why
         return None
 

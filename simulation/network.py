@@ -91,23 +91,23 @@ class Network:
         for end in list(self.ends):
             end.flush()
         waiting, self._waiting = self._waiting, []
-        for each in waiting:
-            if not each.done():
-                each.set_result(None)
+        for item in waiting:
+            if not item.done():
+                item.set_result(None)
 
     def reset(self, port: int) -> None:
         """Reset the connections of a port, like a network device that has lost its state."""
-        for end in [each for each in self.ends if each.port == port]:
+        for end in [item for item in self.ends if item.port == port]:
             end.receive_reset()
 
     def half_close(self, port: int) -> None:
         """Send EOF to the controller for its clients of a port. It continues to read."""
-        for end in [each for each in self.ends if each.port == port and each.at_server]:
+        for end in [item for item in self.ends if item.port == port and item.at_server]:
             end.receive_eof()
 
     def process_died(self, process: str) -> None:
         """Close the connections of a process, as the system does."""
-        for end in [each for each in self.ends if each.process == process]:
+        for end in [item for item in self.ends if item.process == process]:
             end.vanish()
 
 

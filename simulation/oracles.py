@@ -100,7 +100,7 @@ class Wishes:
 
     def any(self, now: float) -> bool:
         """Return whether any motion is requested."""
-        followed = (each.free and now - each.wanted < HELD_S for each in self.topics.values())
+        followed = (topic.free and now - topic.wanted < HELD_S for topic in self.topics.values())
         return bool(self.goals) or self.person or any(followed)
 
     def nothing(self, now: float) -> None:
@@ -303,13 +303,13 @@ class Outputs:
         for index, (old, new) in enumerate(zip(before, self._values, strict=True)):
             if old == new:
                 continue
-            writes = [each for each in self._writes.get(index, []) if self._now() < each.until]
+            writes = [item for item in self._writes.get(index, []) if self._now() < item.until]
             self._writes[index] = writes
             for held in self._readers.get(index, []):
                 held.add(new)
-            for each in writes:
-                each.alone &= each.value == new
-            if new and all(each.value != new for each in writes):
+            for element in writes:
+                element.alone &= element.value == new
+            if new and all(write.value != new for write in writes):
                 self._break(BrokenError(f'1: output {index} becomes {new} without a request'))
 
     @contextmanager
@@ -328,8 +328,8 @@ class Outputs:
         """Allow a value during the block, and later if it ends without an answer."""
         writing = Writing(value)
         writes = self._writes.setdefault(index, [])
-        for each in writes:
-            each.alone = False
+        for write in writes:
+            write.alone = False
         writing.alone = not writes
         writes.append(writing)
         try:

@@ -44,7 +44,7 @@ INTENDED_S = 0.4
 """Age above which a request of the page no longer counts as wanted at the driver, s."""
 
 
-class Surroundings(Protocol):
+class ProgramEnvironment(Protocol):
     """The parts of the world used by the panel. Answers and results are reported later."""
 
     loop: VirtualLoop
@@ -78,7 +78,7 @@ class PlayedRobot:
 
     name = 'driver'
 
-    def __init__(self, world: Surroundings, model: RobotModel) -> None:
+    def __init__(self, world: ProgramEnvironment, model: RobotModel) -> None:
         self.state = RobotState(joint_names=model.joint_names)
         self.parameters: dict[str, Any] = {
             'robot_model': model.name,
@@ -172,7 +172,7 @@ class PlayedRobot:
 class PanelUser:
     """The panel and its user. Public methods are events of the world."""
 
-    def __init__(self, world: Surroundings, model: RobotModel) -> None:
+    def __init__(self, world: ProgramEnvironment, model: RobotModel) -> None:
         self.robot = PlayedRobot(world, model)
         self.control = RobotControl(
             self.robot, lambda _host, _port: None, world.loop.time, allow_motion=True

@@ -57,7 +57,7 @@ class DiedError(Exception):
     """The process died before it answered."""
 
 
-class Surroundings(Protocol):
+class ProgramEnvironment(Protocol):
     """The parts of the world used by processes. It receives the driver's publications."""
 
     loop: VirtualLoop
@@ -81,7 +81,7 @@ class Surroundings(Protocol):
 class Process:
     """A process from its start to its death. `lives` prevents garbage collection."""
 
-    def __init__(self, world: Surroundings, number: int) -> None:
+    def __init__(self, world: ProgramEnvironment, number: int) -> None:
         self.name = f'driver {number}'
         self.context = copy_context()
         self.context.run(PROCESS.set, self.name)
@@ -132,7 +132,11 @@ class NodeProcess(Process):
     """The process of the ROS node: its driver, and the actions of its callbacks."""
 
     def __init__(
-        self, world: Surroundings, number: int, configuration: Configuration, model: RobotModel
+        self,
+        world: ProgramEnvironment,
+        number: int,
+        configuration: Configuration,
+        model: RobotModel,
     ) -> None:
         super().__init__(world, number)
         self._arm = Kinematics(model)
@@ -168,8 +172,8 @@ class NodeProcess(Process):
 
     async def command(self, name: str) -> str:
         """Serve a service. Raises CommandError."""
-        said: str = await getattr(self._commands, name)()
-        return said
+        message: str = await getattr(self._commands, name)()
+        return message
 
     def scale(self, factor: float) -> None:
         """Set the speed scaling. Raises ValueError."""
@@ -276,7 +280,7 @@ class RobotProcess(Process):
     """A program that uses the Python API. It creates a new Robot after a close or a loss."""
 
     def __init__(
-        self, world: Surroundings, number: int, make: Callable[[], Robot], model: RobotModel
+        self, world: ProgramEnvironment, number: int, make: Callable[[], Robot], model: RobotModel
     ) -> None:
         super().__init__(world, number)
         self._make = make
@@ -339,10 +343,10 @@ class RobotProcess(Process):
         self._asking += 1
         try:
             method = 'reset' if name == 'reset_error' else name
-            said: str = await getattr(self._there, method)()
+            message: str = await getattr(self._there, method)()
         finally:
             self._asking -= 1
-        return said
+        return message
 
     def scale(self, factor: float) -> None:
         """Set the speed. Raises ValueError."""

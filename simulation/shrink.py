@@ -41,6 +41,6 @@ def _fails(seed: str, events: list[Event], error: BrokenError) -> bool:
     with quiet():
         try:
             world.play(events)
-        except BrokenError as found:
-            return str(found)[:12] == str(error)[:12]
+        except BrokenError as result:
+            return str(result)[:12] == str(error)[:12]
     return False

@@ -58,7 +58,7 @@ class Hand(Protocol):
         """Clear every cause that prevents motion."""
 
 
-class Surroundings(Protocol):
+class ProgramEnvironment(Protocol):
     """The parts of the world used by users."""
 
     loop: VirtualLoop
@@ -92,7 +92,7 @@ class Surroundings(Protocol):
 class Users:
     """All users. Methods are events of the world, or requests of the panel."""
 
-    def __init__(self, world: Surroundings) -> None:
+    def __init__(self, world: ProgramEnvironment) -> None:
         self.loop, self.rng, self.wishes, self.say = world.loop, world.rng, world.wishes, world.say
         self._world = world
         self.goals: dict[int, float] = {}
@@ -279,16 +279,16 @@ class Users:
         self._enables += name == 'enable'
         enables, disabled = self._enables, self._disabled
         try:
-            said = await self._answer(name)
+            message = await self._answer(name)
         finally:
             self._enabling -= name == 'enable'
         self.look_at_gate()
-        self._disabled += name == 'disable' and said.startswith('ok')
+        self._disabled += name == 'disable' and message.startswith('ok')
         last = self._enables == enables and process is self._world.process
         if self._disabled > disabled and last and self.gate:
             text = '4: the arm is enabled without a request, after an answered ~/disable'
             self._world.break_(BrokenError(text))
-        return said
+        return message
 
     def look_at_gate(self) -> None:
         """Judge that the arm was enabled only by a request."""
@@ -305,13 +305,13 @@ class Users:
             wishes.open = None if wishes.open is False else wishes.open
             wishes.closed_meanwhile = False
         try:
-            said = f'ok: {await process.ask(lambda: process.command(name))}'
+            message = f'ok: {await process.ask(lambda: process.command(name))}'
         except (CommandError, RobotError) as error:
-            said = f'no: {error}'
+            message = f'no: {error}'
         except DiedError:
-            said = 'no: the driver died'
-        self.say(f'~/{name}: {said}')
-        ok = said.startswith('ok')
+            message = 'no: the driver died'
+        self.say(f'~/{name}: {message}')
+        ok = message.startswith('ok')
         if name == 'enable':
             if ok:
                 wishes.open = None if wishes.closed_meanwhile else True
@@ -319,7 +319,7 @@ class Users:
                 wishes.open = False
         elif name in ('stop', 'disable') and ok and not wishes.any(self.loop.time()):
             self._world.arm.said_to_stand(name)
-        return said
+        return message
 
     def begin(self, work: Coroutine[Any, Any, None], what: str) -> None:
         """Start a request, which must be answered unless the driver hangs or dies."""
@@ -357,10 +357,10 @@ class Users:
         self.publishers[publisher] = self.loop.create_task(sending)
 
     async def _send(self, kind: str, speed: list[float], period: float, zero_each: int) -> None:
-        begin, count = self._world.arm.at.copy(), 0
+        start, count = self._world.arm.at.copy(), 0
         while True:
             zero = bool(zero_each) and count % zero_each == 0
-            self._take(kind, np.array(speed) * (0.0 if zero else 1.0), begin, count * period)
+            self._take(kind, np.array(speed) * (0.0 if zero else 1.0), start, count * period)
             count += 1
             await asyncio.sleep(period)
 
@@ -368,8 +368,8 @@ class Users:
         self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
     ) -> None:
         """Send one setpoint."""
-        begin = self._world.arm.at.copy()
-        self._take(kind, np.array(speed), begin, period * (publisher + zero_each))
+        start = self._world.arm.at.copy()
+        self._take(kind, np.array(speed), start, period * (publisher + zero_each))
 
     async def wrong_setpoint(self, kind: str, topic: str) -> None:
         """Send one invalid setpoint."""
@@ -417,12 +417,12 @@ class Users:
 
     def _stays(self, source: str, setpoint: Setpoint, now: float) -> bool:
         """Return whether a position is unchanged, which requests no motion (docs/servo.md)."""
-        heard, before = self._positions.get(source, (-np.inf, None))
+        received, before = self._positions.get(source, (-np.inf, None))
         positions = setpoint.positions
         if setpoint.window is not None or positions is None:
             return False
         stays = before is not None and bool(np.abs(positions - before).max() <= SAME_RAD)
-        stays = stays and now - heard < RELEASE_S
+        stays = stays and now - received < RELEASE_S
         self._positions[source] = now, before if stays else positions
         return stays
 

@@ -210,11 +210,11 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     def left(self) -> Counter[str]:
         """Return the number of tasks and timers of each process that is not dead."""
-        found = Counter(_process(task) for task in asyncio.all_tasks(self))
-        found.update(
+        result = Counter(_process(task) for task in asyncio.all_tasks(self))
+        result.update(
             call.context.get(PROCESS, '') for _, _, call in self._scheduled if not call.gone
         )
-        return found
+        return result
 
     # --- asyncio's interface of a loop ---------------------------------------------------------
 

@@ -195,7 +195,7 @@ class World:
             raise self.broken
 
     async def _play(self, happenings: list[Happening]) -> None:
-        kinds = {each.kind for each in happenings}
+        kinds = {item.kind for item in happenings}
         self._calm, self._io = kinds <= CALM_KINDS, not kinds.isdisjoint(IO_KINDS)
         self.say(
             f'{self.profile_name}, state each {self.state_period:g} s, network '
@@ -281,22 +281,26 @@ class World:
         await self._until(lambda: not requests, ANSWER_S, 'every request is answered')
         await self._until(lambda: not self.controller.in_motion, SLOWEST_S, 'the arm rests')
         self._look_at_gate()
-        begun, said = self.loop.time(), ''
+        started, message = self.loop.time(), ''
         while True:
             await asyncio.sleep(0.2)
             self._raise()
             await self._until(lambda: not self.controller.in_motion, RECOVERY_S, 'the arm rests')
             self.at_controller.mend()
-            said = await self.users.asked('enable')
-            if said.startswith('ok'):
+            message = await self.users.asked('enable')
+            if message.startswith('ok'):
                 outcome = await self._outcome()
                 if outcome.end is End.SUCCEEDED:
                     break
-                said = outcome.text
-                if 'cancel it first' in said:  # a slow goal of a Python program is still running
+                message = outcome.text
+                if (
+                    'cancel it first' in message
+                ):  # a slow goal of a Python program is still running
                     self.users.cancel_all()
-            if self.loop.time() - begun > RECOVERY_S:
-                raise BrokenError(f'9: the arm does not work again after {RECOVERY_S:g} s: {said}')
+            if self.loop.time() - started > RECOVERY_S:
+                raise BrokenError(
+                    f'9: the arm does not work again after {RECOVERY_S:g} s: {message}'
+                )
         await self._until(lambda: not self.users.goals, self._patience, 'every goal has ended')
         await asyncio.sleep(0.7)
         self._raise()

@@ -32,15 +32,17 @@ def test_anchors_exist(page: Path) -> None:
     for target, anchor in re.findall(r'\]\((?!https?:)([^)#:]*)#([^)]+)\)', text):
         there = (page.parent / target if target else page).read_text(encoding='utf-8')
         headings = re.findall(r'(?m)^#+ (.*)$', there)
-        anchors = {re.sub(r'[^\w\- ]', '', each.lower()).replace(' ', '-') for each in headings}
+        anchors = {
+            re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings
+        }
         assert anchor in anchors, f'{page.name} links to {target}#{anchor}'
 
 
 def test_files_named_in_the_docs_exist() -> None:
     for page in PAGES:
         for name in re.findall(r'`((?:\w+/)+\w*\.py|test/[\w/]+)`', page.read_text('utf-8')):
-            found = (ROOT / name).exists() or (ROOT / 'epson_driver' / name).exists()
-            assert found, f'{page.name} names {name}'
+            result = (ROOT / name).exists() or (ROOT / 'epson_driver' / name).exists()
+            assert result, f'{page.name} names {name}'
 
 
 def test_release_tools_read_the_changelog(tmp_path: Path) -> None:

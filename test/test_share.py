@@ -50,8 +50,8 @@ def installed(tmp_path: Path) -> Callable[..., Path]:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    found: Callable[..., Path] = module.share_file
-    return found
+    result: Callable[..., Path] = module.share_file
+    return result
 
 
 def test_file_of_an_installed_prefix_is_found(

@@ -96,7 +96,7 @@ def test_links_within_the_site_are_valid(pages: dict[Path, Page]) -> None:
 def test_pages_fetch_nothing_from_other_hosts(pages: dict[Path, Page]) -> None:
     """This includes fonts, scripts, pictures, and mermaid's script on pages with diagrams."""
     for file, page in pages.items():
-        assert not [each for each in page.fetched if re.match(r'(https?:)?//', each)], file
+        assert not [item for item in page.fetched if re.match(r'(https?:)?//', item)], file
         assert 'mermaid' not in page.classes, file
         assert 'data-md-component="source"' not in file.read_text(encoding='utf-8'), file
     for sheet in SITE.rglob('*.css'):

@@ -52,29 +52,31 @@ def main() -> int:
     )
     arguments = parser.parse_args()
     shares = {
-        target: share for target, share in in_process().items() if arguments.only in target.name
+        target: fraction
+        for target, fraction in in_process().items()
+        if arguments.only in target.name
     }
     if arguments.case is not None:
         case = Case.read(arguments.case)
-        target = next(each for each in shares if each.name == case.target)
+        target = next(item for item in shares if item.name == case.target)
         with listening(Novelty()):
             why = why_it_fails(target, case)
         print(why or 'all held')
         return int(bool(why))
-    found: dict[str, Figures] = {}
+    result: dict[str, Figures] = {}
     if shares:
-        fuzz_in_process(shares, arguments.inputs, arguments.seed, found)
+        fuzz_in_process(shares, arguments.inputs, arguments.seed, result)
     if not arguments.no_sockets:
         count = max(int(arguments.inputs * SOCKET_SHARE), 1_000)
         for name, fuzz in socket_targets.TARGETS.items():
             if arguments.only in name:
                 show(f'{name}: {count:,} inputs', end=True)
-                found[name] = fuzz(count, arguments.seed)
-    texts = [text for figures in found.values() for text in figures.found]
-    for name, figures in found.items():
+                result[name] = fuzz(count, arguments.seed)
+    texts = [text for figures in result.values() for text in figures.found]
+    for name, figures in result.items():
         rate = figures.inputs / max(figures.seconds, 1e-9)
         print(f'{name:60} {figures.inputs:9,} inputs {rate:9,.0f}/s {len(figures.found)} found')
-    print(f'{sum(figures.inputs for figures in found.values()):,} inputs, {len(texts)} found')
+    print(f'{sum(figures.inputs for figures in result.values()):,} inputs, {len(texts)} found')
     for text in texts:
         print(f'FOUND {text}')
     return int(bool(texts))
@@ -84,7 +86,7 @@ def fuzz_in_process(
     shares: dict[Target, float], inputs: int, seed: int, found: dict[str, Figures]
 ) -> None:
     """Give each target its share of the inputs, in turns, and check this process's memory."""
-    fuzzers = {Fuzzer(target, seed, FOUND): share for target, share in shares.items()}
+    fuzzers = {Fuzzer(target, seed, FOUND): fraction for target, fraction in shares.items()}
     total = sum(shares.values())
     for fuzzer in fuzzers:
         found[fuzzer.target.name] = fuzzer.figures
@@ -92,8 +94,8 @@ def fuzz_in_process(
     gc.collect()
     before, began = resident(), time.monotonic()
     for turn in range(1, ROUNDS + 1):
-        for fuzzer, share in fuzzers.items():
-            wanted = inputs * share / total * turn / ROUNDS
+        for fuzzer, fraction in fuzzers.items():
+            wanted = inputs * fraction / total * turn / ROUNDS
             if fuzzer.figures.inputs < wanted and not fuzzer.figures.found:
                 fuzzer.run(reached(wanted))
         done = sum(figures.inputs for figures in found.values())

@@ -54,9 +54,9 @@ def _read(part: Any) -> Any:
 
 def reduced(case: Case, fails: Callable[[Case], bool], most: int = 400) -> Case:
     """Return a smaller case that still fails, after at most `most` trials."""
-    steps, share, trials = list(case.steps), 2, 0
-    while share <= 2 * len(steps) and trials < most:
-        size = max(len(steps) // share, 1)
+    steps, fraction, trials = list(case.steps), 2, 0
+    while fraction <= 2 * len(steps) and trials < most:
+        size = max(len(steps) // fraction, 1)
         for start in range(0, len(steps), size):
             trials += 1
             fewer = steps[:start] + steps[start + size :]
@@ -68,5 +68,5 @@ def reduced(case: Case, fails: Callable[[Case], bool], most: int = 400) -> Case:
         else:
             if size == 1:
                 break
-            share *= 2
+            fraction *= 2
     return Case(case.target, tuple(steps))

@@ -270,7 +270,7 @@ class _World:
     def _accept(self, number: int, transport: MemoryTransport) -> None:
         if not self._takes:
             raise ConnectionRefusedError(111, 'Connection refused')
-        port = next(name for name, each in NUMBERS.items() if each == number)
+        port = next(name for name, item in NUMBERS.items() if item == number)
         self._ends[port] = transport
         transport.on_end = lambda: self._gone(port, transport)
         if port == 'motion':
@@ -364,7 +364,7 @@ class _World:
         self._takes = self._shows = True
         self._answers = 1
         self._joints = [
-            min(max(each, -1.0), 1.0) if each == each else 0.0 for each in self._joints
+            min(max(joint, -1.0), 1.0) if joint == joint else 0.0 for joint in self._joints
         ]
         for end in tuple(self._ends.values()):
             end.hang_up()

@@ -120,7 +120,7 @@ async def _fuzz_client(inputs: int, chance: Chance, figures: Figures, folder: Pa
         await asyncio.start_server(serve, HERE, 0)
         for serve in (peer.motion, peer.state, peer.remote)
     ]
-    motion, state, remote = (each.sockets[0].getsockname()[1] for each in servers)
+    motion, state, remote = (item.sockets[0].getsockname()[1] for item in servers)
     process = processes.client(
         folder / 'log',
         Ports(motion, state, 0, remote),

@@ -163,12 +163,12 @@ class Arm(Unique):
     def _joints_at(self, field: str, pose: Pose, frame: str | None, near: Array) -> Array:
         arm = self._hand[1]
         wanted = self._frames.target(field, pose, frame).seen_from(arm.forward(near))
-        found = arm.inverse(wanted, near)
-        if not len(found):
+        result = arm.inverse(wanted, near)
+        if not len(result):
             place = ', '.join(f'{1e3 * value:.1f}' for value in wanted[:3, 3])
             why = arm.why_unreachable(wanted) or 'out of reach'
             raise PathError(f'{field}: no joint positions for ({place}) mm: {why}')
-        return np.asarray(found[0])
+        return np.asarray(result[0])
 
     @property
     def frames(self) -> dict[str, Array]:

@@ -194,11 +194,11 @@ class Connection:
         sockets = [
             link.transport.get_extra_info('socket') for link in links if link and link.transport
         ]
-        return [each.fileno() for each in sockets] + (simulation.files if simulation else [])
+        return [socket.fileno() for socket in sockets] + (simulation.files if simulation else [])
 
     async def _open_trace(self) -> BinaryIO | None:
         """Open the trace file if the settings name one. Raises RobotError."""
-        folder, name = (self._setup.values[f'trace_{each}'] for each in ('folder', 'file'))
+        folder, name = (self._setup.values[f'trace_{item}'] for item in ('folder', 'file'))
         try:
             return await asyncio.to_thread(open_trace, folder, name) if name else None
         except TraceError as error:
@@ -249,7 +249,7 @@ class Connection:
         if driver.state_link in down:
             return missing
         now = asyncio.get_running_loop().time()
-        why = None if driver.robot.withheld else driver.robot.why_not_ready(now)
+        why = None if driver.robot.joints_unavailable else driver.robot.why_not_ready(now)
         if why is not None:
             missing.append(f'{why}: check that the state server of the controller is running')
         if driver.robot.status is None:

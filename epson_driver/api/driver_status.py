@@ -36,9 +36,9 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
         moves = driver.robot.why_not_standing(driver.goal_queue.settings.stopped_velocity)
         text = 'pausing: the arm brakes' if moves else 'motions are paused: the speed scaling is 0'
         remedy = 'call set_speed_scaling(1.0)'
-    if (found := driver.why_not(Purpose.REPORT, now)) is not None:
-        text, remedy = found.text, with_remedy(found.advice, found.remedy, WORDS)
-        if found.remedy is Remedy.CONNECT:
+    if (result := driver.why_not(Purpose.REPORT, now)) is not None:
+        text, remedy = result.text, with_remedy(result.advice, result.remedy, WORDS)
+        if result.remedy is Remedy.CONNECT:
             text += f' ({link_reason})'
     return RobotStatus(
         connected=driver.state_link.connected and driver.motion_link.connected,

@@ -127,10 +127,10 @@ def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
 
     @cache
     def rules() -> dict[str, Rule | None]:
-        return {name: _rule(each) for name, each in call.__annotations__.items()}
+        return {name: _rule(item) for name, item in call.__annotations__.items()}
 
     def check(args: tuple[Any, ...], kwargs: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
-        values, named = [plain(each) for each in args], {k: plain(v) for k, v in kwargs.items()}
+        values, named = [plain(arg) for arg in args], {k: plain(v) for k, v in kwargs.items()}
         for name, value in [*zip(names, values, strict=False), *named.items()]:
             if (rule := rules().get(name)) is not None:
                 rule.checked(value, name)
@@ -161,11 +161,11 @@ def _rule(annotation: Any) -> Rule | None:
         return None
     if kinds in ((str,), (str, NoneType)):  # a name: the method knows the valid ones
         return None
-    said = [_SAID.get(kind, kind.__name__) for kind in classes]
+    message = [_SAID.get(kind, kind.__name__) for kind in classes]
 
     def read(value: Any) -> Any:
         if not isinstance(value, kinds):
             raise TypeError
         return value
 
-    return Rule(read, f'must be {" or ".join(dict.fromkeys(said))}')
+    return Rule(read, f'must be {" or ".join(dict.fromkeys(message))}')

@@ -108,8 +108,10 @@ def _type(kind: str) -> 'IoType':
     from epson_driver.driver.io.points import NAMES
 
     known = {name.upper(): io_type for io_type, name in NAMES.items()}
-    found = known.get(kind.upper()) if isinstance(kind, str) else None
-    return known[choice(*NAMES.values()).checked(kind, 'kind').upper()] if found is None else found
+    result = known.get(kind.upper()) if isinstance(kind, str) else None
+    return (
+        known[choice(*NAMES.values()).checked(kind, 'kind').upper()] if result is None else result
+    )
 
 
 async def _answered(

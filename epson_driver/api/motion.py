@@ -75,13 +75,13 @@ class Motion(Unique):
         """Result as a sentence, or '' before the end."""
         if self._outcome is None:
             return ''
-        said = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
+        message = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
         if self._path is not None and self._away > self._path[1]:
-            said += (
+            message += (
                 f'; the tool was up to {self._away * 1e3:.2f} mm away from its path '
                 f'(accuracy {self._path[1] * 1e3:g} mm)'
             )
-        return said
+        return message
 
     @property
     def duration(self) -> float:

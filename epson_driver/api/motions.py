@@ -18,7 +18,7 @@ from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.motion import Array
 from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
 from epson_driver.tool_motion.pose_path import Run
-from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_along_runs
 
 
 class Motions(Arm):
@@ -265,7 +265,9 @@ class Motions(Arm):
                 trajectory, plan, wait=wait, move=lambda written: written.joints(start, 0.01, 0.01)
             )
         with refusals():
-            trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
+            trajectory = await plan.in_thread(
+                partial(trajectory_along_runs, arm, start, way, limits)
+            )
         held = (moves.deviation(arm, way), limits.accuracy)
         via = None
         if point is not None and point.via is not None:

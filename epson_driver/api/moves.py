@@ -161,10 +161,10 @@ def path_points(
     if not len(points):
         raise ValueError('points: must have at least one')
     last = len(points) - 1
-    found = []
-    for index, each in enumerate(points):
+    result = []
+    for index, item in enumerate(points):
         name = f'points[{index}]'
-        point = each if isinstance(each, Waypoint) else Waypoint(each)
+        point = item if isinstance(item, Waypoint) else Waypoint(item)
         if point.blend is not None:
             _BLEND.checked(point.blend, f'{name}.blend')
             if index == last and point.blend > 0.0:
@@ -175,8 +175,8 @@ def path_points(
         via = None
         if point.via is not None:
             via = frames.point(f'{name}.via', point.via, its_frame, point.pose)
-        found.append(PathPoint(pose, via, 0.0 if index == last else float(radius)))
-    return found
+        result.append(PathPoint(pose, via, 0.0 if index == last else float(radius)))
+    return result
 
 
 def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
@@ -198,14 +198,14 @@ def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
         return []
     numbers = [index for index, _ in wanted]
     try:
-        found = runs(segments, [point.blend for _, point in wanted[:-1]])
+        result = runs(segments, [point.blend for _, point in wanted[:-1]])
     except BlendError as error:
         raise ValueError(f'points[{numbers[error.index]}]: {error}') from error
     return [
         replace(
-            run, segments=tuple(tuple(numbers[each] for each in part) for part in run.segments)
+            run, segments=tuple(tuple(numbers[item] for item in part) for part in run.segments)
         )
-        for run in found
+        for run in result
     ]
 
 
@@ -305,14 +305,14 @@ def divided(trajectory: Trajectory, start: Array) -> Trajectory:
     if len(moments) == len(times):
         return trajectory
     way = ReferenceTrajectory(trajectory, start)
-    found = [way.at(moment) for moment in moments]
-    velocities = None if trajectory.velocities is None else np.array([each[1] for each in found])
+    result = [way.at(moment) for moment in moments]
+    velocities = None if trajectory.velocities is None else np.array([item[1] for item in result])
     if velocities is not None and trajectory.velocities is not None:
         velocities[-1] = trajectory.velocities[-1]
     return Trajectory(
         trajectory.joint_names,
         np.array(moments),
-        np.array([position for position, _ in found]),
+        np.array([position for position, _ in result]),
         velocities,
     )
 

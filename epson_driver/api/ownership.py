@@ -90,7 +90,7 @@ async def take_over(address: Address, owner: Owned) -> None:
 def let_go(owner: Owned) -> None:
     """Release all connections of an owner."""
     with _lock:
-        for address in [each for each, found in _owners.items() if found is owner]:
+        for address in [item for item, result in _owners.items() if result is owner]:
             del _owners[address]
 
 
@@ -103,11 +103,11 @@ def close_soon(
     if process.forked or loop.is_closed():
         return
 
-    def begin() -> None:
+    def start() -> None:
         _closing.add(task := loop.create_task(close()))
         task.add_done_callback(_closing.discard)
 
-    loop.call_soon_threadsafe(begin)
+    loop.call_soon_threadsafe(start)
 
 
 _closing: set['asyncio.Task[None]'] = set()

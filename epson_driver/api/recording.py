@@ -90,9 +90,11 @@ class Recording(Unique):
     def load(cls, path: str | PathLike[str]) -> 'Recording':
         """Read a saved recording or another trajectory. Raises ArgumentError, OSError."""
         read = read_trajectory(Path(path))
-        found = cls(read.joint_names)
-        found._rows = list(zip((read.times - read.times[0]).tolist(), read.positions, strict=True))
-        return found
+        result = cls(read.joint_names)
+        result._rows = list(
+            zip((read.times - read.times[0]).tolist(), read.positions, strict=True)
+        )
+        return result
 
     def begin(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
         """Start recording. `add` registers a callback and returns a function that removes it."""
@@ -124,8 +126,8 @@ class Recording(Unique):
         resting[[0, -1]] = True
         velocities[resting] = 0.0
         ends = np.flatnonzero(np.diff(resting))  # the last sample of a rest, and of a motion
-        begin = int(ends[0]) if len(ends) else 0
-        anchors = {begin, len(times) - 1, *(ends + resting[ends + 1])[1:].tolist()}
+        start = int(ends[0]) if len(ends) else 0
+        anchors = {start, len(times) - 1, *(ends + resting[ends + 1])[1:].tolist()}
         kept = _corners(times, positions / near, sorted(anchors))
         times, way, velocities = times[kept], positions[kept], velocities[kept]
         for index in range(1, len(way)):  # keep the arm at rest instead of letting it creep
@@ -157,8 +159,8 @@ def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
         first, last = open_parts.pop()
         if last - first < 2:
             continue
-        share = (times[first + 1 : last] - times[first]) / (times[last] - times[first])
-        way = rows[first] + share[:, None] * (rows[last] - rows[first])
+        fraction = (times[first + 1 : last] - times[first]) / (times[last] - times[first])
+        way = rows[first] + fraction[:, None] * (rows[last] - rows[first])
         away = np.abs(rows[first + 1 : last] - way).max(axis=1)
         if away.max() > 1.0:
             middle = first + 1 + int(away.argmax())
@@ -169,10 +171,10 @@ def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
 
 def _slopes(times: Array, positions: Array) -> Array:
     """Return the velocities at each sample, as the slope over its neighbors, shape (k, n)."""
-    found = np.zeros_like(positions)
+    result = np.zeros_like(positions)
     for index in range(len(times)):
         near = slice(max(index - SLOPE_SAMPLES, 0), index + SLOPE_SAMPLES + 1)
         passed = times[near] - times[near].mean()
         if len(passed) > 1:
-            found[index] = passed @ positions[near] / (passed @ passed)
-    return found
+            result[index] = passed @ positions[near] / (passed @ passed)
+    return result

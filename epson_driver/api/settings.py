@@ -59,11 +59,11 @@ class Settings:
     trace_file: str | None = setting('trace_file', None)
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if value is not None or each.default is not None:
-                rule = each.metadata['row'].allowed if each.metadata else _GRIPPER
-                rule.checked(list(value) if isinstance(value, tuple) else value, each.name)
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value is not None or item.default is not None:
+                rule = item.metadata['row'].allowed if item.metadata else _GRIPPER
+                rule.checked(list(value) if isinstance(value, tuple) else value, item.name)
 
 
 _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
@@ -83,10 +83,10 @@ def given_values(
         row = ROWS[ARGUMENTS.get(name, name)]
         row.allowed.checked(value, name)
         values[row.name] = value
-    for each in fields(settings):
-        value = getattr(settings, each.name)
-        if value is not None and 'row' in each.metadata:
-            name = each.metadata['row'].name
+    for item in fields(settings):
+        value = getattr(settings, item.name)
+        if value is not None and 'row' in item.metadata:
+            name = item.metadata['row'].name
             values[name] = list(value) if isinstance(value, tuple) else value
     if (wiring := settings.gripper) is not None:
         values['gripper.outputs'] = [wiring.open_output, wiring.close_output]

@@ -75,8 +75,8 @@ class SimulatedController:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_TIMEOUT_S):
                     await asyncio.shield(self._listening)
-            said = self._said.strip().rpartition('\n')[2] or 'no output'
-            why = said.removeprefix('epson_driver sim_controller: ').removeprefix('error: ')
+            message = self._said.strip().rpartition('\n')[2] or 'no output'
+            why = message.removeprefix('epson_driver sim_controller: ').removeprefix('error: ')
             raise RobotError(f'the simulated controller did not start: {why}')
         numbers = dict(word.split('=') for word in line.split()[1:])
         return {f'{name}_port': int(numbers[name]) for name in _WORDS}

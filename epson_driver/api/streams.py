@@ -79,18 +79,18 @@ class Streams(Arm):
         with self._heard() as servo:
             near = self._commanded(servo)
             wanted = self._frames.target('pose', pose, frame).seen_from(arm.forward(near))
-            found = arm.inverse(wanted, near)
-            if not len(found):
+            result = arm.inverse(wanted, near)
+            if not len(result):
                 why = arm.why_unreachable(wanted) or 'out of reach'
                 raise PathError(f'pose: {why}')
-            jump = np.abs(found[0] - near)
+            jump = np.abs(result[0] - near)
             if jump.max() > MAX_JUMP_RAD:
                 joint = int(np.argmax(jump))
                 raise PathError(
                     f'pose: {limits.names[joint]} would have to jump from {near[joint]:.4g} to '
-                    f'{found[0][joint]:.4g} {limits.units[joint]}'
+                    f'{result[0][joint]:.4g} {limits.units[joint]}'
                 )
-            self._take(servo, found[0])
+            self._take(servo, result[0])
 
     @checked_arguments
     def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = BASE_LINK) -> None:
@@ -122,13 +122,13 @@ class Streams(Arm):
                     'velocity: the tool cannot move that way here, at a singularity or for want '
                     'of a joint'
                 )
-            share = np.abs(joints) / (servo.settings.share * self.model.limits.velocity)
-            self._take(servo, velocities=joints / max(share.max(), 1.0))
+            fraction = np.abs(joints) / (servo.settings.share * self.model.limits.velocity)
+            self._take(servo, velocities=joints / max(fraction.max(), 1.0))
 
     async def servo_end(self) -> str:
         """Wait until no stream is followed and the arm is at rest. Return a message."""
         servo = self._connection.running.servo
-        while servo.occupation() is not None:
+        while servo.active_user() is not None:
             await self._connection.next_joints()
             servo = self._connection.running.servo
         return 'no stream is followed, and the arm is at rest'

@@ -69,8 +69,8 @@ def moves(
     """Derive a method that starts a motion."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> Motion:
-        begin = partial(method, self._awaited, *args, **kwargs)
-        return Motion(self._session.run(begin), self._session)
+        start = partial(method, self._awaited, *args, **kwargs)
+        return Motion(self._session.run(start), self._session)
 
     return _described(run, method, Motion)
 

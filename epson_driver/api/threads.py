@@ -64,14 +64,14 @@ class LoopThread:
         tasks: list[asyncio.Task[T]] = []
         ended = threading.Event()
 
-        def begin() -> None:
+        def start() -> None:
             tasks.append(self._loop.create_task(work()))
             tasks[0].add_done_callback(lambda _: ended.set())
 
         with self._lock:
             if self._closed:
                 raise RobotError('the robot was closed')
-            self._loop.call_soon_threadsafe(begin)
+            self._loop.call_soon_threadsafe(start)
         try:
             ended.wait()
         except BaseException:

@@ -177,10 +177,10 @@ def misspelled_arguments(given: Iterable[str]) -> list[str]:
     `given`: the names of all launch configurations. Others may belong to a launch file that
     includes one of ours.
     """
-    found = ((name, near_name(name, _ROWS)) for name in given if name not in _ROWS)
+    result = ((name, near_name(name, _ROWS)) for name in given if name not in _ROWS)
     return [
         f'launch argument {name}: it is unknown, did you mean {near}?'
-        for name, near in found
+        for name, near in result
         if near is not None
     ]
 

@@ -78,9 +78,9 @@ def effective(values: Mapping[str, str]) -> dict[str, str]:
     of `file_parameters`.
     """
     path = values['params_file']
-    said = file_parameters(path, values['namespace']) if path else {}
+    message = file_parameters(path, values['namespace']) if path else {}
     names = (*GIVEN, *PORTS)
-    own = {name: str(said[name]) for name in names if not values.get(name) and name in said}
+    own = {name: str(message[name]) for name in names if not values.get(name) and name in message}
     model = own.get('robot_model') or values['robot_model'] or DEFAULT_MODEL
     return dict(values) | own | {'robot_model': model}
 

@@ -95,7 +95,7 @@ def servo_parameters(model: str) -> dict[str, Any]:
     robot = load_robot_model(model)
     (margin,) = parameters['moveit_servo']['joint_limit_margins']
     ranges = robot.limits.position_max - robot.limits.position_min
-    margins = [min(margin, round(MARGIN_SHARE * each, 4)) for each in ranges.tolist()]
+    margins = [min(margin, round(MARGIN_SHARE * item, 4)) for item in ranges.tolist()]
     parameters['moveit_servo']['joint_limit_margins'] = margins
     lower, stop = singularity_thresholds(robot)
     parameters['moveit_servo']['lower_singularity_threshold'] = lower
@@ -134,8 +134,8 @@ def write_moveit_package(name: str, folder: Path) -> list[Path]:
         write_file(config / 'ompl_planning.yaml', _text(_planner('ompl', model)))
     controllers = _controllers(list(model.joint_names))
     origins = ''.join(
-        f'# {quantity} ({each.worst}): {each.source}\n'
-        for quantity, each in model.provenance.items()
+        f'# {quantity} ({item.worst}): {item.source}\n'
+        for quantity, item in model.provenance.items()
         if quantity in ('speed', 'acceleration', 'jerk')
     )
     for path, text in {

@@ -28,7 +28,7 @@ class _Formatter(argparse.HelpFormatter):
 
 def help_texts(description: str, examples: Sequence[str], codes: str, more: str = '') -> Any:
     """Return the keywords of a parser for its description, examples and exit codes."""
-    lines = ['examples:', *(f'  epson_driver {each}' for each in examples)]
+    lines = ['examples:', *(f'  epson_driver {example}' for example in examples)]
     epilog = '\n'.join([*lines, '', f'exit codes: {codes}', more]).strip()
     return {'description': description, 'epilog': epilog, 'formatter_class': _Formatter}
 
@@ -40,8 +40,8 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
         try:
             return rule.read((parse or _number)(text))
         except (TypeError, ValueError, KeyError, OverflowError):
-            said = text if text and len(text) < 100 else shown(text)
-            raise argparse.ArgumentTypeError(f'{printable(said)}: {rule.text}') from None
+            message = text if text and len(text) < 100 else shown(text)
+            raise argparse.ArgumentTypeError(f'{printable(message)}: {rule.text}') from None
 
     return read
 

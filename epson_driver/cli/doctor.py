@@ -147,16 +147,16 @@ def _finish(
         write_file(arguments.save, as_text(findings, head))
         console.print(f'text: {arguments.save}', markup=False)
     style = 'bold red' if findings.exit_code else 'bold yellow' if findings.doubt else 'bold green'
-    said = f'[{style}]{escape(printable(findings.verdict))}[/]'
-    console.print(said, soft_wrap=not console.is_terminal)
+    message = f'[{style}]{escape(printable(findings.verdict))}[/]'
+    console.print(message, soft_wrap=not console.is_terminal)
     return findings.exit_code
 
 
 def tell(console: Console, finding: Finding) -> None:
     """Show a finding on one line, and its remedy on another, wrapped at words on a terminal."""
-    about, found = escape(printable(finding.about)), escape(printable(finding.found))
+    about, result = escape(printable(finding.about)), escape(printable(finding.found))
     level = f'[{COLOURS[finding.level]}]{finding.level.value:8}[/]'
-    rows = [(level, f'[bold]{about}[/]: {found}')]
+    rows = [(level, f'[bold]{about}[/]: {result}')]
     if finding.remedy:
         rows.append((' ' * 8, f'→ {escape(finding.remedy)}'))
     if not console.is_terminal:
@@ -173,14 +173,14 @@ def tell(console: Console, finding: Finding) -> None:
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
     """Report the drivers, and compare the joints of a running MoveIt with the model's."""
     try:
-        told, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
-        found = json.loads(told.strip().rpartition('\n')[2])
+        report, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
+        result = json.loads(report.strip().rpartition('\n')[2])
     except (subprocess.TimeoutExpired, ValueError):
         text = 'unknown: ROS does not start, see below'
         findings.skipped('driver, MoveIt', text)
         return
-    tell_drivers(found['drivers'], findings)
-    joints = found['moveit']
+    tell_drivers(result['drivers'], findings)
+    joints = result['moveit']
     if joints is None:
         findings.skipped('MoveIt', 'no move_group runs in this domain')
         return

@@ -97,7 +97,7 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
             f'logs and traces: {arguments.keep} (epson_driver report FOLDER/*/wire.pcap)',
             markup=False,
         )
-    bad = sum(not each.good for each in results)
+    bad = sum(not item.good for item in results)
     if bad:
         console.print(f'[bold red]{bad} of {len(results)} failed[/]')
         return 1
@@ -133,12 +133,12 @@ def _matrix(results: Sequence[Result]) -> Table:
     table = Table(box=SIMPLE_HEAD, show_edge=False)
     for column in ('fault', 'result', 's', 'reason'):
         table.add_column(column, justify='right' if column == 's' else 'left')
-    for each in results:
+    for result in results:
         table.add_row(
-            each.case,
-            f'[{_colour(each)}]{each.verdict.value}[/]',
-            f'{each.seconds:.1f}',
-            escape(each.why),
+            result.case,
+            f'[{_colour(result)}]{result.verdict.value}[/]',
+            f'{result.seconds:.1f}',
+            escape(result.why),
         )
     return table
 

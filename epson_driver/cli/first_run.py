@@ -26,7 +26,7 @@ from epson_driver.cli.arguments import (
 from epson_driver.cli.doctor import tell
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Finding, Findings, Level
-from epson_driver.first_run.book import Book, load
+from epson_driver.first_run.book import FirstRunRecord, load
 from epson_driver.first_run.run import go_through
 from epson_driver.first_run.steps import FirstRun
 from epson_driver.inputs import InputError, printable
@@ -51,7 +51,7 @@ def main() -> int:
             'controller': arguments.controller,
             'robot': arguments.robot,
         }
-        book = load(path) if path.exists() else Book(about | _versions())
+        book = load(path) if path.exists() else FirstRunRecord(about | _versions())
         for key, value in about.items():
             if book.about[key] != value:
                 rule = f'is for {key} {book.about[key]}: use that, or another --file'
@@ -64,10 +64,10 @@ def main() -> int:
         console.print(f'\nended, completed steps are saved in {escape(printable(path))}')
         return INTERRUPTED
     for habit in book.habits:
-        said = f'[bold]habit[/]  {escape(printable(habit))}'
-        console.print(said, soft_wrap=not console.is_terminal)
+        message = f'[bold]habit[/]  {escape(printable(habit))}'
+        console.print(message, soft_wrap=not console.is_terminal)
     console.print(f'page, also for sim_controller --profile-from: {printable(path)}')
-    left = [name for name, each in book.entries.items() if each.state == 'failed']
+    left = [name for name, item in book.entries.items() if item.state == 'failed']
     return int(bool(left) or not ended)
 
 

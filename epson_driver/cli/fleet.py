@@ -68,9 +68,9 @@ class Fleet:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states: dict[str, Any] = {}
         for name in robots:
-            heard = partial(lambda name, said: self._links.update({name: said.data}), name)
+            received = partial(lambda name, said: self._links.update({name: said.data}), name)
             topic = f'/{name}/epson_driver/link_state'
-            self._node.create_subscription(String, topic, heard, latched)
+            self._node.create_subscription(String, topic, received, latched)
             topic = f'/{name}/joint_states'
             self._states[name] = sampled(self._counter, JointState, topic, KEPT, raw=True)
 
@@ -89,7 +89,7 @@ class Fleet:
         return rows
 
     def _count(self) -> dict[str, int]:
-        return {name: len(take_all(each, KEPT)) for name, each in self._states.items()}
+        return {name: len(take_all(item, KEPT)) for name, item in self._states.items()}
 
     def _used(self) -> dict[str, tuple[float, int]]:
         both = {name: [_use(p.process_id) for p in both] for name, both in self._robots.items()}

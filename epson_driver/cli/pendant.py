@@ -65,13 +65,13 @@ def main() -> int:
     )
     parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
     given = parser.parse_args()
-    said, address = ' '.join(given.words), f'{given.host}:{given.port}'
-    if said == KINDS:
+    message, address = ' '.join(given.words), f'{given.host}:{given.port}'
+    if message == KINDS:
         print(describe())
         return 0
     try:
-        asked = Action((), stops=True) if said == STATUS else action(said)
-        print(asyncio.run(_ask(asked, said, given)))
+        asked = Action((), stops=True) if message == STATUS else action(message)
+        print(asyncio.run(_ask(asked, message, given)))
     except UsageError as error:
         parser.error(str(error))
     except RemoteError as error:
@@ -131,8 +131,8 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
     with suppress(RemoteError):
         if error.number == RemoteErrorNumber.NOT_READY and not error.explained:
             flags, shown = await ask_flags(ask)
-            if found := flags_inhibit(flags, shown, load_error_texts()):
-                text = with_remedy(found.text, found.remedy, {})
+            if result := flags_inhibit(flags, shown, load_error_texts()):
+                text = with_remedy(result.text, result.remedy, {})
             elif 'Running' in flags:
                 text = 'the arm is still moving: try again when it has stopped'
     number = f' (error {error.number})'
@@ -145,11 +145,11 @@ async def _status(ask: Ask) -> str:
     texts, motor = load_error_texts(), (await told(ask, 'GetMotor,0')).split(',')
     condition, names = await told(ask, 'Sim,condition'), ('joints', 'tasks', 'timing', 'fault')
     rows = [condition.replace(';', '\n') or f'motors={"".join(motor[1:2])}']
-    if found := flags_inhibit(flags, shown, texts):
-        rows.append(f'state={with_remedy(found.text, found.remedy, {})}')
+    if result := flags_inhibit(flags, shown, texts):
+        rows.append(f'state={with_remedy(result.text, result.remedy, {})}')
     if shown:
         rows.append(f'error={texts.phrase(shown)}: {texts.advice(shown, "see the manual")}')
     rows.append(f'flags={" ".join(flags)}')
     parts = {name: await told(ask, f'Sim,{name}') for name in names}
-    rows += [f'{name}: {each}'.replace(';', '\n') for name, each in parts.items() if each]
+    rows += [f'{name}: {item}'.replace(';', '\n') for name, item in parts.items() if item]
     return '\n'.join(rows)

@@ -25,9 +25,9 @@ def path_from_here(folder: Path, name: str) -> str:
 def placed(problems: Sequence[Problem], folder: Path) -> list[Problem]:
     """Return problems whose files are named relative to the current folder."""
     return [
-        replace(each, position=at._replace(file=path_from_here(folder, at.file)))
-        for each in problems
-        for at in [each.position]
+        replace(problem, position=at._replace(file=path_from_here(folder, at.file)))
+        for problem in problems
+        for at in [problem.position]
     ]
 
 
@@ -40,19 +40,19 @@ def _text(problems: Sequence[Problem]) -> str:
 
 
 def _json(problems: Sequence[Problem]) -> str:
-    found = [
+    result = [
         {
-            'file': each.position.file,
-            'line': each.position.line,
-            'column': each.position.column,
-            'rule': each.rule,
-            'about': RULES.get(each.rule, ''),
-            'severity': _level(each),
-            'text': each.text,
+            'file': problem.position.file,
+            'line': problem.position.line,
+            'column': problem.position.column,
+            'rule': problem.rule,
+            'about': RULES.get(problem.rule, ''),
+            'severity': _level(problem),
+            'text': problem.text,
         }
-        for each in problems
+        for problem in problems
     ]
-    return json.dumps(found, indent=2) + '\n'
+    return json.dumps(result, indent=2) + '\n'
 
 
 def _escaped(text: str, signs: str = '%:,') -> str:
@@ -64,33 +64,33 @@ def _escaped(text: str, signs: str = '%:,') -> str:
 def _github(problems: Sequence[Problem]) -> str:
     """Return workflow commands, which show a problem at its line."""
     return ''.join(
-        f'::{_level(each)} file={_escaped(each.position.file)},line={each.position.line},'
-        f'col={each.position.column},title={each.rule}::{_escaped(each.text, "%")}\n'
-        for each in problems
+        f'::{_level(problem)} file={_escaped(problem.position.file)},line={problem.position.line},'
+        f'col={problem.position.column},title={problem.rule}::{_escaped(problem.text, "%")}\n'
+        for problem in problems
     )
 
 
 def _sarif(problems: Sequence[Problem]) -> str:
     """Return SARIF 2.1.0, which code scanning reads."""
-    used = sorted({each.rule for each in problems})
+    used = sorted({problem.rule for problem in problems})
     results = [
         {
-            'ruleId': each.rule,
-            'level': _level(each),
-            'message': {'text': each.text},
+            'ruleId': problem.rule,
+            'level': _level(problem),
+            'message': {'text': problem.text},
             'locations': [
                 {
                     'physicalLocation': {
-                        'artifactLocation': {'uri': quote(each.position.file)},
+                        'artifactLocation': {'uri': quote(problem.position.file)},
                         'region': {
-                            'startLine': each.position.line,
-                            'startColumn': each.position.column,
+                            'startLine': problem.position.line,
+                            'startColumn': problem.position.column,
                         },
                     }
                 }
             ],
         }
-        for each in problems
+        for problem in problems
     ]
     rules = [{'id': rule, 'shortDescription': {'text': RULES.get(rule, rule)}} for rule in used]
     tool = {'driver': {'name': 'epson_driver spel check', 'rules': rules}}

@@ -39,7 +39,7 @@ def main() -> int:
 
             write_bag(*runs[0], arguments.mcap)
             print(f'bag: {arguments.mcap}')
-        groups = [runs] if arguments.compare else [[each] for each in runs]
+        groups = [runs] if arguments.compare else [[run] for run in runs]
         for group in groups:
             write_report(group, model, arguments.output or default_output(group))
     except (OSError, InputError, RunError) as error:

@@ -29,7 +29,13 @@ from epson_driver.motion.smoother import (
     plan,
 )
 from epson_driver.processes.interrupt import INTERRUPTED
-from epson_driver.report.smooth_study import Study, column, draw, point_to_point, spline
+from epson_driver.report.smooth_study import (
+    SmoothingComparison,
+    column,
+    draw,
+    point_to_point,
+    spline,
+)
 from epson_driver.robots import load_robot_model
 from epson_driver.trajectory_file import (
     read_trajectory,
@@ -105,7 +111,7 @@ def _run(arguments: argparse.Namespace) -> int:
         columns.append(column(f'{kind} spline', spline(plan_read), limits))
     ours = column(f'smoothed, {mode.value.replace("_", " ")}', fine, limits, plan_read, command)
     columns.append(ours)
-    study = Study(plan_read, limits, timed, columns)
+    study = SmoothingComparison(plan_read, limits, timed, columns)
     console.print(_table(study, planner.summary or planned, arguments.look_ahead))
     if draws:
         draw(picture, study)
@@ -152,7 +158,7 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
     return trajectory
 
 
-def _table(study: Study, planned: str, look_ahead: float) -> Table:
+def _table(study: SmoothingComparison, planned: str, look_ahead: float) -> Table:
     ours, stop_and_go = study.columns[-1].figures, study.columns[0].figures
     error = study.columns[-1].waypoint_error
     units = ' or '.join(dict.fromkeys(study.limits.units))

@@ -54,15 +54,15 @@ def main() -> int:
 
 def _net(text: str) -> tuple[int, NetSettings]:
     """Return a port and its settings from 201=192.168.0.1:2000[:CR|LF|CRLF]."""
-    found = re.fullmatch(
+    result = re.fullmatch(
         r'(2[01][0-9])=([^:=]*):([0-9]{1,5})(?::(CRLF|CR|LF))?', text, re.IGNORECASE
     )
-    if found is None or not 201 <= int(found[1]) <= 216 or not 1 <= int(found[3]) <= 65_535:
-        said = f'{shown(text)}: must be 201=ADDRESS:PORT[:CR|:LF|:CRLF]'
-        raise argparse.ArgumentTypeError(said)
+    if result is None or not 201 <= int(result[1]) <= 216 or not 1 <= int(result[3]) <= 65_535:
+        message = f'{shown(text)}: must be 201=ADDRESS:PORT[:CR|:LF|:CRLF]'
+        raise argparse.ArgumentTypeError(message)
     ends = {'CR': '\r', 'LF': '\n'}
-    end = ends.get((found[4] or '').upper(), '\r\n')
-    return int(found[1]), NetSettings(found[2], int(found[3]), end)
+    end = ends.get((result[4] or '').upper(), '\r\n')
+    return int(result[1]), NetSettings(result[2], int(result[3]), end)
 
 
 def _add_surroundings(parser: argparse.ArgumentParser) -> None:

@@ -20,8 +20,8 @@ from epson_driver.sim_controller.assembly import robot_defines
 from epson_driver.sim_controller.spel_run import Bench, TestResult, covered, run_tests
 from epson_driver.spel import (
     Program,
+    ProgramEnvironment,
     ProgramError,
-    Surroundings,
     build,
     read_answers,
     read_project,
@@ -44,9 +44,11 @@ Project = tuple[Path, Mapping[str, str]]
 """Its folder and its files."""
 
 
-def _surroundings(arguments: argparse.Namespace, folder: Path, keep: bool = False) -> Surroundings:
+def _surroundings(
+    arguments: argparse.Namespace, folder: Path, keep: bool = False
+) -> ProgramEnvironment:
     answers = read_answers(arguments.stub) if arguments.stub is not None else {}
-    return Surroundings(answers, dict(arguments.net), Files(folder, keep))
+    return ProgramEnvironment(answers, dict(arguments.net), Files(folder, keep))
 
 
 def _built(files: Mapping[str, str], folder: Path) -> Program:
@@ -121,7 +123,7 @@ def _report(result: TestResult) -> None:
 
 
 def _cobertura(files: dict[str, dict[int, bool]]) -> str:
-    ran = [each for lines in files.values() for each in lines.values()]
+    ran = [line for lines in files.values() for line in lines.values()]
 
     def rate(of: Collection[bool]) -> str:
         return f'line-rate="{sum(of) / len(of) if of else 1.0:.4f}"'
@@ -149,12 +151,12 @@ def _junit(results: list[TestResult]) -> str:
     for result in results:
         at = result.position
         named = f'name={quoteattr(result.name)} file={quoteattr(printable(at.file))}'
-        begun = f'  <testcase {named} line="{at.line}" time="{result.seconds:.3f}"'
+        started = f'  <testcase {named} line="{at.line}" time="{result.seconds:.3f}"'
         if result.error:
             message = quoteattr(printable(result.error))
-            lines.append(f'{begun}><failure message={message}/></testcase>')
+            lines.append(f'{started}><failure message={message}/></testcase>')
         else:
-            lines.append(f'{begun}/>')
+            lines.append(f'{started}/>')
     return '\n'.join([*lines, '</testsuite>', ''])
 
 
@@ -178,7 +180,7 @@ def export(arguments: argparse.Namespace) -> int:
     if problems:  # a robot, or a name, that the program has not been tried with
         raise InputError(str(problems[0]))
     folder.mkdir(parents=True, exist_ok=True)
-    for each, content in exported(name, files, version, datetime.now(UTC)).items():
-        write_file(folder / each, content)
+    for item, content in exported(name, files, version, datetime.now(UTC)).items():
+        write_file(folder / item, content)
     print(f'{printable(folder)}: open {printable(name)}.sprj in RC+ and build it')
     return 0

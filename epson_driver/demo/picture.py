@@ -81,8 +81,8 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: Joi
         layout='constrained',
         gridspec_kw={'height_ratios': (1.2, 1)},
     )
-    for (above, below), each in zip(grid.T, drawn, strict=True):
-        _draw_run(above, below, trajectory, each, top_speed(each.run, limits))
+    for (above, below), item in zip(grid.T, drawn, strict=True):
+        _draw_run(above, below, trajectory, item, top_speed(item.run, limits))
     grid[0, 0].set_ylabel(f'position [{per_unit(limits)}]')
     grid[1, 0].set_ylabel(f'velocity [{per_unit(limits, "/s")}]')
     handles, labels = grid[0, 0].get_legend_handles_labels()

@@ -249,8 +249,8 @@ def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Con
 def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:
     code, sentence = verdict(faults, missed, gap)
     colour = {0: 'green', TOO_BUSY: 'yellow'}.get(code, 'red')
-    said = f'[bold {colour}]{escape(printable(sentence))}[/]'
-    console.print(said, highlight=False, soft_wrap=True)
+    message = f'[bold {colour}]{escape(printable(sentence))}[/]'
+    console.print(message, highlight=False, soft_wrap=True)
     return code
 
 

@@ -187,9 +187,9 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
         findings.wrong('I/O port', f'IO_INFO: {how}', remedy)
         return {}
     counts = dict.fromkeys(IO_KEYS.values(), 0)
-    for each in reply.message.items:
-        if each.io_type in IO_KEYS:
-            counts[IO_KEYS[IoType(each.io_type)]] += each.count
+    for item in reply.message.items:
+        if item.io_type in IO_KEYS:
+            counts[IO_KEYS[IoType(item.io_type)]] += item.count
     text = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in counts.items())
     findings.ok('I/O port', text)
     return {'ports.io': port, 'io': counts}
@@ -238,9 +238,9 @@ async def ask_remote_port(
     if runs:
         text = 'a program is running: until it stops, motor commands and resets are refused'
         findings.note('remote port', text, 'program.motors: restart in the profile')
-    found = [flags_inhibit(flags, number, texts), device_inhibit(device)]
+    result = [flags_inhibit(flags, number, texts), device_inhibit(device)]
     if needs_main and not runs and 'Paused' not in flags:
-        found.append(MAIN_ENDED)
+        result.append(MAIN_ENDED)
     motors = 'restart' if runs else 'remote_ethernet'
     facts = {'ports.remote': port, 'program.motors': motors}
-    return facts, [each for each in found if each is not None]
+    return facts, [item for item in result if item is not None]

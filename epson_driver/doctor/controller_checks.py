@@ -18,7 +18,12 @@ from epson_driver.doctor.asking import (
 )
 from epson_driver.doctor.findings import ARM, Findings, Level, tell_inhibit
 from epson_driver.doctor.learning import differences, tolerance
-from epson_driver.doctor.listening import Conversation, Heard, NoConnectionError, conversation
+from epson_driver.doctor.listening import (
+    Conversation,
+    NoConnectionError,
+    ReceivedTraffic,
+    conversation,
+)
 from epson_driver.doctor.port_checks import (
     FELL_SILENT_S,
     silence,
@@ -105,8 +110,8 @@ async def check_controller(
 
 def _name_tasks(findings: Findings) -> None:
     """Add a note on the tasks of the SPEL+ program that do not serve."""
-    well = {each.about for each in findings.all if each.level is Level.OK}
-    looked_at = {each.about for each in findings.all if each.level in (Level.WRONG, Level.NOTE)}
+    well = {item.about for item in findings.all if item.level is Level.OK}
+    looked_at = {item.about for item in findings.all if item.level in (Level.WRONG, Level.NOTE)}
     missing = [task for port, task in SERVERS.items() if port in looked_at - well]
     if missing:
         text = f'RC+ must show {" and ".join(missing)} in its Task Manager'
@@ -142,17 +147,17 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
     facts, held = await ask_remote_port(
         question.host, question.remote_port, question.password, findings, texts, False
     )
-    for each in held:
-        tell_inhibit(each, findings)
+    for item in held:
+        tell_inhibit(item, findings)
     if not facts or held:
         return {}
     try:
-        told = await ask_joints(question.host, question.remote_port, question.password, units)
+        report = await ask_joints(question.host, question.remote_port, question.password, units)
     except (RemoteError, TimeoutError, ConnectionError) as error:
         text = str(error) or 'no answer'
         findings.wrong('joints', text, 'stop the running program: the controller must be Ready')
         return {}
-    joints, motors = told
+    joints, motors = report
     _check_positions(joints, question.model, findings)
     findings.ok(ARM, f'the motors are {"on" if motors else "off: the driver switches them on"}')
     findings.note(
@@ -166,12 +171,14 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
 
 async def _check_state(question: Question, state: Conversation, findings: Findings) -> Facts:
     """Check the state port and return the facts, which may be empty."""
-    heard = state.heard
+    received = state.heard
     wall, monotonic = time.time(), time.monotonic()
     loop = asyncio.get_running_loop()
     began = loop.time()
-    if await state.ended_within(AT_ONCE_S) and not heard.packets:
-        text = f'{heard.ended} immediately: another client is connected, or its program has ended'
+    if await state.ended_within(AT_ONCE_S) and not received.packets:
+        text = (
+            f'{received.ended} immediately: another client is connected, or its program has ended'
+        )
         remedy = (
             'stop the other client, which may be the driver or the ROS 1 node, or restart the '
             'program'
@@ -180,7 +187,7 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
         return {}
     facts: Facts = {}
     findings.busy(f'listening to the state port for {question.seconds:g} s')
-    if await state.heard_within(latest_status, min(question.seconds - AT_ONCE_S, CONDITION_S)):
+    if await state.wait_for_traffic(latest_status, min(question.seconds - AT_ONCE_S, CONDITION_S)):
         facts = await _tell_why_not(question, state, findings)
     ends = began + question.seconds
     while (left := ends - loop.time()) > 0.0 and not await state.ended_within(min(left, 1.0)):
@@ -191,22 +198,24 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     motion = (question.host, question.motion_port)
     if await tell_of_no_state(state, listened, motion, findings, question.may_ask):
         return {}
-    handshake = f'handshake {heard.handshake * 1e3:.1f} ms'
+    handshake = f'handshake {received.handshake * 1e3:.1f} ms'
     findings.ok('state port', f'{question.host}:{question.state_port} accepts, {handshake}')
-    if heard.ended:
-        text = f'{heard.ended} after {listened:.1f} s'
+    if received.ended:
+        text = f'{received.ended} after {listened:.1f} s'
         remedy = (
             'check whether the controller is off, its program has ended, or a cable is unplugged'
         )
         findings.wrong('state port', text, remedy)
-    elif (silent := silence(heard)) > FELL_SILENT_S + heard.lateness:
-        text = f'{len(heard.packets)} messages received, then none for {silent:.1f} s: half-open'
+    elif (silent := silence(received)) > FELL_SILENT_S + received.lateness:
+        text = (
+            f'{len(received.packets)} messages received, then none for {silent:.1f} s: half-open'
+        )
         remedy = (
             'check whether a cable is unplugged, the controller is off, or its state task is stuck'
         )
-        _wrong_unless_busy(heard, findings, 'state port', text, remedy)
-    if heard.lateness > LATE_S:
-        text = f'busy: a timer was up to {heard.lateness * 1e3:.0f} ms late'
+        _wrong_unless_busy(received, findings, 'state port', text, remedy)
+    if received.lateness > LATE_S:
+        text = f'busy: a timer was up to {received.lateness * 1e3:.0f} ms late'
         findings.note('this machine', text, 'times below may be wrong by this amount')
     _tell_messages(state, listened, findings)
     _tell_condition(question, state, findings)
@@ -215,9 +224,9 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
         findings.note('clock', text, 'ROS time stamps jump too: synchronise it with chrony or NTP')
     else:
         findings.ok('clock', "this machine's clock was not set during the check")
-    if heard.ended:
+    if received.ended:
         return {}
-    return facts | state_facts(heard) | {'ports.state': question.state_port}
+    return facts | state_facts(received) | {'ports.state': question.state_port}
 
 
 async def _tell_why_not(question: Question, state: Conversation, findings: Findings) -> Facts:
@@ -230,18 +239,18 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
     if question.may_ask and question.remote_port:
         findings.busy('querying the remote port')
         needs_main = question.profile.program.motors == 'restart'
-        facts, told = await ask_remote_port(
+        facts, report = await ask_remote_port(
             question.host, question.remote_port, question.password, findings, texts, needs_main
         )
         unclear = seen is not None and seen.cause is Cause.NOT_POSSIBLE
         no_program = facts.get('program.motors') == 'remote_ethernet'
-        if unclear and (told or no_program):
-            held, told = [], told or [MAIN_ENDED]
+        if unclear and (report or no_program):
+            held, report = [], report or [MAIN_ENDED]
         # STATUS covers E-stop, key and error as well: one line for each cause
-        known = {each.cause for each in held}
-        held = [each for each in told if each.cause not in known] + held
-    for each in held:
-        tell_inhibit(each, findings)
+        known = {item.cause for item in held}
+        held = [item for item in report if item.cause not in known] + held
+    for element in held:
+        tell_inhibit(element, findings)
     unknown = [name for name in NEEDED if getattr(status, name) == TriState.UNKNOWN]
     if not held and unknown:
         text = f'unknown whether it can move: {", ".join(unknown)} UNKNOWN in STATUS'
@@ -253,7 +262,7 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
 
 
 def _wrong_unless_busy(
-    heard: Heard, findings: Findings, about: str, found: str, remedy: str
+    heard: ReceivedTraffic, findings: Findings, about: str, found: str, remedy: str
 ) -> None:
     """Report a timing problem, or a note if this machine was too busy to be sure."""
     if heard.lateness <= BUSY_S:
@@ -264,24 +273,24 @@ def _wrong_unless_busy(
 
 
 def _tell_messages(state: Conversation, listened: float, findings: Findings) -> None:
-    heard = state.heard
-    joints = [at for at, packet in heard.packets if is_joints(packet)]
-    others = len(heard.packets) - len(joints)
-    dialect = heard.packets[0][1].dialect
+    received = state.heard
+    joints = [at for at, packet in received.packets if is_joints(packet)]
+    others = len(received.packets) - len(joints)
+    dialect = received.packets[0][1].dialect
     findings.ok('byte order', f'{dialect.byte_order.name.lower()}-endian, {dialect.real.name}')
     if len(joints) < 2 or joints[0] == joints[-1]:
         at_once = ', all simultaneously' if len(joints) > 1 else ''
         text = f'{len(joints)} in {listened:.1f} s{at_once}'
         remedy = 'the state task must send JOINT_POSITION periodically'
-        _wrong_unless_busy(heard, findings, 'joint states', text, remedy)
+        _wrong_unless_busy(received, findings, 'joint states', text, remedy)
         return
     gap = float(np.diff(joints).max())
-    found = rhythm(joints, state.heard.lateness)
-    period = found or (joints[-1] - joints[0]) / (len(joints) - 1)
+    result = rhythm(joints, state.heard.lateness)
+    period = result or (joints[-1] - joints[0]) / (len(joints) - 1)
     text = f'{1.0 / period:.1f} Hz, longest gap {gap * 1e3:.0f} ms'
     if gap > LONGEST_GAP_S + state.heard.lateness:
         remedy = 'check the state task and the network'
-        _wrong_unless_busy(heard, findings, 'joint states', text, remedy)
+        _wrong_unless_busy(received, findings, 'joint states', text, remedy)
     else:
         findings.ok('joint states', text)
     if not others:
@@ -361,14 +370,14 @@ async def _ask(question: Question, state: Conversation, findings: Findings) -> F
 def _compare(profile: ControllerProfile, facts: Facts, findings: Findings) -> None:
     if not facts:
         return
-    found = differences(facts, profile)
-    for key, value, held in found:
+    result = differences(facts, profile)
+    for key, value, held in result:
         shown = value
         if isinstance(value, float) and isinstance(held, float):
             shown = f'{value:.4g} (tolerance {tolerance(value, held):.2g})'
         text = f'{key} is {shown}, but {held} in the profile {profile.name}'
         remedy = 'select another profile, or create one: epson_driver doctor --learn FILE'
         findings.wrong('profile', text, remedy)
-    if not found:
+    if not result:
         text = f'{profile.name} ({profile.description}) matches in {len(facts)} keys'
         findings.ok('profile', text)

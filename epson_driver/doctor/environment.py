@@ -132,18 +132,18 @@ def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
         findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION and the disk')
         return
     try:
-        found = json.loads(asked.stdout.rpartition('\n')[2])
+        result = json.loads(asked.stdout.rpartition('\n')[2])
     except ValueError:
         last = (asked.stderr.strip().splitlines() or ['no output'])[-1]
         text = f'importing ROS ended with {asked.returncode}: {last}'
         findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION, source only one ROS distribution')
         return
     for name, fields in DEFINITIONS.items():
-        _check_definition(findings, name, fields, found[name])
-    if 'rclpy' in found:
-        findings.wrong('rclpy', found['rclpy'], f'{BUILD}, or check RMW_IMPLEMENTATION')
+        _check_definition(findings, name, fields, result[name])
+    if 'rclpy' in result:
+        findings.wrong('rclpy', result['rclpy'], f'{BUILD}, or check RMW_IMPLEMENTATION')
     else:
-        findings.ok('middleware', found['rmw'])
+        findings.ok('middleware', result['rmw'])
 
 
 def _check_definition(

@@ -76,28 +76,28 @@ class Findings:
     @property
     def exit_code(self) -> int:
         """0 if nothing is wrong and nothing keeps the arm from moving, else 1."""
-        return int(any(each.level in (Level.WRONG, Level.HELD) for each in self.all))
+        return int(any(item.level in (Level.WRONG, Level.HELD) for item in self.all))
 
     @property
     def verdict(self) -> str:
         """The summary in one sentence."""
-        wrong = sum(each.level is Level.WRONG for each in self.all)
-        held = next((each for each in self.all if each.level is Level.HELD), None)
-        said = [f'{wrong} wrong'] if wrong else []
+        wrong = sum(item.level is Level.WRONG for item in self.all)
+        held = next((item for item in self.all if item.level is Level.HELD), None)
+        message = [f'{wrong} wrong'] if wrong else []
         if held is not None:
-            said.append(f'the arm cannot move: {held.found}')
+            message.append(f'the arm cannot move: {held.found}')
         elif self.doubt:
-            said.append(self.doubt)
-        return ', '.join(said) or 'nothing is wrong'
+            message.append(self.doubt)
+        return ', '.join(message) or 'nothing is wrong'
 
 
 def as_text(findings: Findings, head: Sequence[str]) -> str:
     """Return the findings as a text file for a bug report."""
     lines = [*head, '']
-    for each in findings.all:
-        lines.append(f'{each.level.value:8}{each.about}: {each.found}')
-        if each.remedy:
-            lines.append(f'{"":8}-> {each.remedy}')
+    for item in findings.all:
+        lines.append(f'{item.level.value:8}{item.about}: {item.found}')
+        if item.remedy:
+            lines.append(f'{"":8}-> {item.remedy}')
     return '\n'.join([*lines, '', findings.verdict]) + '\n'
 
 
@@ -141,17 +141,17 @@ def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> No
 
     Each has `name`, `host`, `text` and the other diagnostic values of its arm.
     """
-    for each in drivers:
-        who = f'driver {each["name"]} ({each["host"]})'
-        if (cause := each.get('cause', 'NONE')) == 'NONE':
-            findings.ok(who, each['text'])
+    for driver in drivers:
+        who = f'driver {driver["name"]} ({driver["host"]})'
+        if (cause := driver.get('cause', 'NONE')) == 'NONE':
+            findings.ok(who, driver['text'])
             continue
-        found = Inhibit(
+        result = Inhibit(
             Cause.__members__.get(cause, Cause.NOT_ENABLED),
-            Remedy.__members__.get(each.get('remedy', ''), Remedy.NONE),
-            each['text'],
-            each.get('advice', ''),
+            Remedy.__members__.get(driver.get('remedy', ''), Remedy.NONE),
+            driver['text'],
+            driver.get('advice', ''),
         )
-        tell_inhibit(found, findings, who)
+        tell_inhibit(result, findings, who)
     if not drivers:
         findings.skipped('driver', 'not running in this ROS domain, so its arm gate is unknown')

@@ -109,7 +109,7 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
 
 def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, object, object]]:
     """Return key, measured value and value of the profile for each difference."""
-    found = []
+    result = []
     for key, value in facts.items():
         if key.startswith('ports.') or key in ('io', 'mode'):
             continue
@@ -120,8 +120,8 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
         if key == 'server.state_clients' or (key, held) in _SEEN_IN_PART:
             continue
         if not same:
-            found.append((key, value, held))
-    return found
+            result.append((key, value, held))
+    return result
 
 
 _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}

@@ -69,7 +69,7 @@ class NoConnectionError(ConnectionError):
 
 
 @dataclass
-class Heard:
+class ReceivedTraffic:
     """The data received over one connection. Times are s on the monotonic clock."""
 
     handshake: float
@@ -93,7 +93,7 @@ class Conversation:
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, handshake: float
     ) -> None:
-        self.heard = Heard(handshake)
+        self.heard = ReceivedTraffic(handshake)
         peer, own = (writer.get_extra_info(name) for name in ('peername', 'sockname'))
         self.port: int = peer[1]
         recorder = TRACE.get()
@@ -108,7 +108,9 @@ class Conversation:
         self._task = asyncio.create_task(self._read())
         self._ticks = asyncio.create_task(self._watch_lateness())
 
-    async def heard_within(self, enough: Callable[[Heard], object], seconds: float) -> bool:
+    async def wait_for_traffic(
+        self, enough: Callable[[ReceivedTraffic], object], seconds: float
+    ) -> bool:
         """Wait until the received data is enough, and return whether it is in time."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
@@ -125,14 +127,14 @@ class Conversation:
 
     async def next_packet(self, timeout: float, *, replies: bool = False) -> Packet | None:
         """Return the next packet received, or the next reply, or None after the timeout."""
-        begin = len(self.heard.packets)
+        start = len(self.heard.packets)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while True:
-                    for _, packet in self.heard.packets[begin:]:
+                    for _, packet in self.heard.packets[start:]:
                         if not replies or packet.comm_type is CommType.SERVICE_REPLY:
                             return packet
-                    begin = len(self.heard.packets)
+                    start = len(self.heard.packets)
                     if self._task.done():
                         return None
                     self._news.clear()
@@ -179,33 +181,33 @@ class Conversation:
             self.heard.lateness = max(self.heard.lateness, clock() - due)
 
     async def _read(self) -> None:
-        heard = self.heard
+        received = self.heard
         try:
             while data := await self._reader.read(65536):
                 now = asyncio.get_running_loop().time()
                 if self._trace is not None:
                     self._trace.data(time.time_ns(), data, from_client=False)
-                if not heard.first_bytes:
-                    heard.first_bytes = data[:64]
-                if not heard.unreadable:
+                if not received.first_bytes:
+                    received.first_bytes = data[:64]
+                if not received.unreadable:
                     self._take(data, now)
                 self._news.set()
-            heard.ended = 'closed by the controller'
+            received.ended = 'closed by the controller'
         except OSError as error:
-            heard.ended = f'broken off: {reason(error)}'
-            heard.vanished = error.errno in (errno.ETIMEDOUT, errno.EHOSTUNREACH)
+            received.ended = f'broken off: {reason(error)}'
+            received.vanished = error.errno in (errno.ETIMEDOUT, errno.EHOSTUNREACH)
         finally:
             self._news.set()
 
     def _take(self, data: bytes, now: float) -> None:
-        heard = self.heard
+        received = self.heard
         self._framer.receive_data(data)
         try:
             while (frame := self._framer.next_frame()) is not None:
-                heard.frames += 1
+                received.frames += 1
                 self._take_frame(frame, now)
         except FrameError as error:
-            heard.unreadable = str(error)
+            received.unreadable = str(error)
 
     def _take_frame(self, frame: Frame, now: float) -> None:
         try:

@@ -9,8 +9,8 @@ from contextlib import suppress
 from epson_driver.doctor.findings import Findings
 from epson_driver.doctor.listening import (
     Conversation,
-    Heard,
     NoConnectionError,
+    ReceivedTraffic,
     Refusal,
     conversation,
 )
@@ -73,24 +73,25 @@ async def tell_of_no_state(
 
     `motion`: host and port of the motion port, which is checked if this port is silent.
     """
-    heard = state.heard
-    if heard.unreadable:
-        text = (
-            f'another program replies there: {heard.unreadable} ({heard.first_bytes[:24].hex()})'
-        )
+    received = state.heard
+    if received.unreadable:
+        start = received.first_bytes[:24].hex()
+        text = f'another program replies there: {received.unreadable} ({start})'
         remedy = 'check address and port: 11002 is usual, 50241 Motoman'
-    elif heard.vanished:
-        text = f'half-open: the connection is up, but the machine is gone ({heard.ended})'
+    elif received.vanished:
+        text = f'half-open: the connection is up, but the machine is gone ({received.ended})'
         remedy = 'check whether a cable is unplugged, and whether the controller is on'
-    elif heard.ended and not heard.packets:
-        text = f'{heard.ended} after {listened:.1f} s, without a message'
+    elif received.ended and not received.packets:
+        text = f'{received.ended} after {listened:.1f} s, without a message'
         remedy = (
             'check whether the controller is off, its program has ended, or a cable is unplugged'
         )
-    elif not heard.packets:
+    elif not received.packets:
         text, remedy = await _why_silent(state, listened, motion, may_ask)
-    elif not any(is_joints(each) or isinstance(each.message, Status) for _, each in heard.packets):
-        kinds = Counter(each.msg_type for _, each in heard.packets)
+    elif not any(
+        is_joints(item) or isinstance(item.message, Status) for _, item in received.packets
+    ):
+        kinds = Counter(item.msg_type for _, item in received.packets)
         types = ', '.join(f'{count} of type {int(kind)}' for kind, count in kinds.most_common(3))
         text = f'simple message, but neither joint states nor STATUS: {types}'
         remedy = 'it is another port of a controller: 11002 is the usual state port, 50241 Motoman'
@@ -109,9 +110,9 @@ async def _why_silent(
         text = f'silent, but joint states come from port {port}: state and motion are swapped'
         return text, f'swap them: state_port {port}, motion_port {own}'
     if may_ask or own not in ROBOT_PORTS:
-        begun = await _answer_to_http(state)
-        if begun.startswith(b'HTTP/'):
-            line = begun.partition(b'\r\n')[0].decode('ascii', 'replace')
+        started = await _answer_to_http(state)
+        if started.startswith(b'HTTP/'):
+            line = started.partition(b'\r\n')[0].decode('ascii', 'replace')
             text = f'this is a web server (HTTP), not a state port: {line[:60]!r}'
             return text, 'check address and port: 11002 is usual, 50241 Motoman'
     text = f'accepts, but sent nothing in {listened:.1f} s'
@@ -126,7 +127,7 @@ async def _sends_state(host: str, port: int) -> bool:
     """Return whether a port sends joint states without a request."""
     try:
         async with conversation(host, port) as other:
-            return await other.heard_within(has_joints, OTHER_PORT_S)
+            return await other.wait_for_traffic(has_joints, OTHER_PORT_S)
     except NoConnectionError:
         return False
 
@@ -134,15 +135,15 @@ async def _sends_state(host: str, port: int) -> bool:
 async def _answer_to_http(state: Conversation) -> bytes:
     with suppress(OSError):
         await state.say(HTTP_QUESTION)
-        await state.heard_within(lambda heard: heard.first_bytes, HTTP_ANSWER_S)
+        await state.wait_for_traffic(lambda heard: heard.first_bytes, HTTP_ANSWER_S)
     return state.heard.first_bytes
 
 
-def has_joints(heard: Heard) -> bool:
+def has_joints(heard: ReceivedTraffic) -> bool:
     """Return whether a joint state was received."""
-    return any(is_joints(each) for _, each in heard.packets)
+    return any(is_joints(item) for _, item in heard.packets)
 
 
-def silence(heard: Heard) -> float:
+def silence(heard: ReceivedTraffic) -> float:
     """Return the time since the last message, s."""
     return asyncio.get_running_loop().time() - heard.packets[-1][0]

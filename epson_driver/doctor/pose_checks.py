@@ -81,18 +81,20 @@ def _judge_jog(index: int, name: str, moved: Array, findings: Findings) -> None:
 
 async def check_tool(state: Conversation, model: RobotModel, ask: Ask, findings: Findings) -> None:
     """Compare the pendant's X Y Z U V W with the model's forward kinematics."""
-    said = await ask(
+    message = await ask(
         'X Y Z U V W on the pendant for Tool 0, Local 0, in mm and degrees (Enter: skip): '
     )
-    if not said.strip():
+    if not message.strip():
         findings.skipped('tool0', 'no input')
         return
     try:
-        numbers = [float(word) for word in said.replace(',', ' ').split()]
+        numbers = [float(word) for word in message.replace(',', ' ').split()]
         if len(numbers) != 6 or not all(map(math.isfinite, numbers)):
             raise ValueError
     except ValueError:
-        findings.wrong('tool0', f'{said.strip()[:80]!r}: must be six numbers', 'enter X Y Z U V W')
+        findings.wrong(
+            'tool0', f'{message.strip()[:80]!r}: must be six numbers', 'enter X Y Z U V W'
+        )
         return
     joints = await _standing(state, len(model.joint_names))
     if joints is None:
@@ -122,7 +124,7 @@ async def _standing(state: Conversation, joints: int) -> Array | None:
     if await state.next_packet(NEXT_STATE_TIMEOUT_S) is None:
         return None
     await asyncio.sleep(0.2)  # a joint state, not only a STATUS, has arrived by this time
-    found = latest_joints(state.heard)
-    if found is None or not np.all(np.isfinite(found[:joints])):
+    result = latest_joints(state.heard)
+    if result is None or not np.all(np.isfinite(result[:joints])):
         return None
-    return np.array(found[:joints])
+    return np.array(result[:joints])

@@ -27,7 +27,7 @@ ARM = ': arm'
 
 def main() -> int:
     """Collect for the number of seconds in the first argument."""
-    patience = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
+    timeout = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
     with udp_by_default():
         rclpy.init()
         node = rclpy.create_node('epson_driver_doctor')
@@ -38,11 +38,11 @@ def main() -> int:
         DiagnosticArray, '/diagnostics', lambda message: _take(message, drivers), 10
     )
     try:
-        until = time.monotonic() + patience
+        until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0.0:  # a driver reports once a second
             executor.spin_once(timeout_sec=left)
-        found = {'moveit': _joints(node, executor), 'drivers': list(drivers.values())}
-        print(json.dumps(found))
+        result = {'moveit': _joints(node, executor), 'drivers': list(drivers.values())}
+        print(json.dumps(result))
     finally:
         executor.shutdown()
         node.destroy_node()
@@ -52,7 +52,7 @@ def main() -> int:
 
 def _take(message: Any, drivers: dict[str, dict[str, str]]) -> None:
     for status in message.status:
-        values = {each.key: each.value for each in status.values}
+        values = {item.key: item.value for item in status.values}
         if status.name.endswith(ARM) and 'arm gate' in values:
             named = {
                 'name': status.name.removesuffix(ARM),
@@ -63,14 +63,14 @@ def _take(message: Any, drivers: dict[str, dict[str, str]]) -> None:
 
 
 def _joints(node: Any, executor: Any) -> list[str] | None:
-    found = [
+    match = [
         f'{namespace.rstrip("/")}/{name}'
         for name, namespace in node.get_node_names_and_namespaces()
         if name == 'move_group'
     ]
-    if not found:
+    if not match:
         return None
-    client = node.create_client(GetParameters, f'{found[0]}/get_parameters')
+    client = node.create_client(GetParameters, f'{match[0]}/get_parameters')
     asked = client.call_async(GetParameters.Request(names=['robot_description']))
     executor.spin_until_future_complete(asked, timeout_sec=10.0)
     answer = asked.result()

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Self
 
-from epson_driver.doctor.listening import Heard
+from epson_driver.doctor.listening import ReceivedTraffic
 from epson_driver.simple_message import (
     ByteOrder,
     JointFeedback,
@@ -33,7 +33,7 @@ UNEVEN_SHARE = 0.25
 """Maximum uncertainty of a measured period, as a share of it. Beyond it, the period is omitted."""
 
 
-def state_facts(heard: Heard) -> Facts:
+def state_facts(heard: ReceivedTraffic) -> Facts:
     """Return the facts that are certain from the received messages, by key.
 
     At least one message is required.
@@ -63,7 +63,7 @@ def is_joints(packet: Packet) -> bool:
     return isinstance(packet.message, JointPosition | JointFeedback)
 
 
-def latest_joints(heard: Heard) -> tuple[float, ...] | None:
+def latest_joints(heard: ReceivedTraffic) -> tuple[float, ...] | None:
     """Return the ten joint values received last, rad or m, or None."""
     for _, packet in reversed(heard.packets):
         if isinstance(packet.message, JointPosition):
@@ -73,7 +73,7 @@ def latest_joints(heard: Heard) -> tuple[float, ...] | None:
     return None
 
 
-def latest_status(heard: Heard) -> Status | None:
+def latest_status(heard: ReceivedTraffic) -> Status | None:
     """Return the STATUS received last, or None."""
     for _, packet in reversed(heard.packets):
         if isinstance(packet.message, Status):
@@ -109,24 +109,24 @@ def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
     return Measured(statistics.median(slopes), spread + lateness / half)
 
 
-def _rhythm(heard: Heard) -> Facts:
+def _rhythm(heard: ReceivedTraffic) -> Facts:
     """Return the period, the messages per STATUS, and whether the STATUS has a separate slot.
 
     Facts are omitted where bursts or this machine's lateness leave them uncertain.
     """
     kinds = [(at, is_joints(packet)) for at, packet in heard.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]
-    share = Counter(b - a - 1 for a, b in itertools.pairwise(at_status)).most_common(1)[0][0]
-    found = rhythm([at for at, joints in kinds if joints], heard.lateness)
-    if share < 1 or found is None or found <= 0.0:
+    fraction = Counter(b - a - 1 for a, b in itertools.pairwise(at_status)).most_common(1)[0][0]
+    result = rhythm([at for at, joints in kinds if joints], heard.lateness)
+    if fraction < 1 or result is None or result <= 0.0:
         return {}
     after = [kinds[i][0] - kinds[i - 1][0] for i in at_status if i and kinds[i - 1][1]]
-    margin = statistics.fmean(after) - TOGETHER_SHARE * found
+    margin = statistics.fmean(after) - TOGETHER_SHARE * result
     doubt = 3.0 * statistics.pstdev(after) / len(after) ** 0.5
-    facts: Facts = {'state.joint_positions_per_status': share}
-    if abs(margin) > doubt and found.uncertainty < UNEVEN_SHARE * found:
+    facts: Facts = {'state.joint_positions_per_status': fraction}
+    if abs(margin) > doubt and result.uncertainty < UNEVEN_SHARE * result:
         together = margin < 0.0
-        slots = share if together else share + 1
-        facts['state.period'] = Measured(found * share / slots, found.uncertainty)
+        slots = fraction if together else fraction + 1
+        facts['state.period'] = Measured(result * fraction / slots, result.uncertainty)
         facts['state.status_with_joints'] = together
     return facts

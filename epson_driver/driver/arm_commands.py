@@ -17,7 +17,7 @@ from epson_driver.driver.inhibit import (
     status_inhibit,
 )
 from epson_driver.driver.remedy import Remedy
-from epson_driver.driver.stopping.arm_gate import DISABLED, Enabling, GateError
+from epson_driver.driver.stopping.arm_gate import DISABLED, EnableRequest, GateError
 from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.simple_message import Status, TriState
@@ -75,15 +75,15 @@ class ArmCommands:
     async def _stop(self) -> str:
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         ends = _now() + ANSWER_TIMEOUT_S
-        said = 'no motion was running, the controller acknowledged STOP'
+        message = 'no motion was running, the controller acknowledged STOP'
         source = self._driver.servo.source
         if goals.busy:
             self._driver.servo.stop(STOPPED)  # a stream may be waiting for its turn
             outcome = await goals.stop(STOPPED, ANSWER_TIMEOUT_S)
             if outcome is not None:
-                said = f'the running motion ended: {outcome.text}'
+                message = f'the running motion ended: {outcome.text}'
         elif self._driver.servo.stop(STOPPED):
-            said = f'the stream of setpoints on {source} was stopped'
+            message = f'the stream of setpoints on {source} was stopped'
         else:
             stopper.stop()
         if stopper.unsent or not await stopper.wait(ends - _now()):
@@ -92,7 +92,7 @@ class ArmCommands:
             raise CommandError(f'{within}{stopper.doubt}, {stopper.stands}')
         if stopper.failed or stopper.doubt is not None:
             raise CommandError(f'{stopper.doubt or stopper.alarm}, but now {stopper.stands}')
-        return said
+        return message
 
     async def enable(self) -> str:
         """Open the arm gate, after switching the motors on if the driver can do that.
@@ -110,13 +110,13 @@ class ArmCommands:
             work = asyncio.create_task(self._enable(enabling))
             enabling.on_cancel = work.cancel
             try:
-                said = await work
+                message = await work
             except asyncio.CancelledError:
                 task = asyncio.current_task()
                 if enabling.canceled is None or (task is not None and task.cancelling()):
                     raise
             if enabling.canceled is None:
-                return said
+                return message
             status = self._driver.robot.status
             if status is not None:
                 self._check(Purpose.ENABLE)
@@ -127,7 +127,7 @@ class ArmCommands:
                 Remedy.ENABLE,
             )
 
-    async def _enable(self, enabling: Enabling) -> str:
+    async def _enable(self, enabling: EnableRequest) -> str:
         driver = self._driver
         async with self._one_enables:
             if (early := driver.namesakes_known - _now()) > 0.0:
@@ -208,7 +208,7 @@ class ArmCommands:
         self._disabling += 1
         self._disabled += 1
         try:
-            said = await self._bring_to_rest()
+            message = await self._bring_to_rest()
             await self._all_taken()
             if driver.motors.missing:
                 motors, why = (
@@ -220,8 +220,8 @@ class ArmCommands:
         finally:
             self._disabling -= 1
         text = f'the arm is disabled{why}'
-        if said:
-            text += f', {said}'
+        if message:
+            text += f', {message}'
         if not motors or not driver.stopper.over:
             raise CommandError(text)
         return text
@@ -317,18 +317,18 @@ class ArmCommands:
 
     def _check(self, purpose: Purpose, now: float | None = None) -> None:
         """Raise CommandError if a purpose is inhibited at `now`, s, or currently."""
-        found = self._driver.why_not(purpose, _now() if now is None else now)
-        if found is not None:
-            raise _inhibited(found)
+        result = self._driver.why_not(purpose, _now() if now is None else now)
+        if result is not None:
+            raise _inhibited(result)
 
     async def _check_what_took_the_motors(self, status: Status) -> None:
         """Raise CommandError if a cause of the motors being off, such as a door, is reported."""
-        found = status_inhibit(status, self._driver.robot.errors)
-        if found is None or found.cause is not Cause.MOTORS_OFF:
+        result = status_inhibit(status, self._driver.robot.errors)
+        if result is None or result.cause is not Cause.MOTORS_OFF:
             return
-        told = await self._driver.motors.tell(ANSWER_TIMEOUT_S)
-        if told is not None and (found := refusal_inhibit(*told, self._driver.robot.errors)):
-            raise _inhibited(found)
+        report = await self._driver.motors.tell(ANSWER_TIMEOUT_S)
+        if report is not None and (result := refusal_inhibit(*report, self._driver.robot.errors)):
+            raise _inhibited(result)
 
     async def _act(self, action: Action) -> None:
         """Send an action to the controller. Raises CommandError with a remedy if it fails."""
@@ -339,13 +339,13 @@ class ArmCommands:
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
         """Return why an action was refused: the controller's reported condition, or the error."""
-        robot, found = self._driver.robot, None
+        robot, result = self._driver.robot, None
         if error.told is not None:
-            found = refusal_inhibit(*error.told, robot.errors)
-        found = found or manual_inhibit(robot.status or Status())
-        if found is None or (action is Action.RESET and found.remedy is Remedy.RESET):
+            result = refusal_inhibit(*error.told, robot.errors)
+        result = result or manual_inhibit(robot.status or Status())
+        if result is None or (action is Action.RESET and result.remedy is Remedy.RESET):
             return CommandError(str(error))
-        return _inhibited(found)
+        return _inhibited(result)
 
     async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
         try:

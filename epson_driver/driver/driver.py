@@ -24,7 +24,7 @@ from epson_driver.driver.stopping.arm_gate import DISABLED, ArmGate
 from epson_driver.driver.stopping.heartbeat import Heartbeat
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import Notification, run_task_group
-from epson_driver.driver.why_not import STATUS_TIMEOUT_S, WhyNot
+from epson_driver.driver.why_not import STATUS_TIMEOUT_S, InhibitTable
 from epson_driver.link import Link, LinkState
 from epson_driver.link.connection import ReceiveTimeout, silent
 from epson_driver.link.link import DIALECT_MESSAGES
@@ -122,7 +122,7 @@ class Driver:
             configuration, robot, ask, stopper, settings, changed, end
         )
         self.servo = Servo(limits, robot, ask, stopper, goals, end)
-        self._why_not = WhyNot(
+        self._why_not = InhibitTable(
             channel, robot, self.gate, stopper, goals, self.servo, timeout, self._connects_later
         )
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, timeout))
@@ -206,11 +206,11 @@ class Driver:
     def look_for_namesakes(self) -> None:
         """Stop and disable the arm while another process also receives this driver's requests."""
         who, before = self.namesakes(), self._why_not.second
-        found = self._why_not.second = second_driver(who) if who else None
-        if found is not None:
-            self.fault(found.text)
-        if found != before:
-            _log.warning('%s', 'the second driver has ended' if found is None else found.text)
+        result = self._why_not.second = second_driver(who) if who else None
+        if result is not None:
+            self.fault(result.text)
+        if result != before:
+            _log.warning('%s', 'the second driver has ended' if result is None else result.text)
 
     def _has_points(self) -> bool:
         return self.stopper.ours
@@ -239,8 +239,8 @@ class Driver:
         """
         was_open = self.gate.close(why, motors_off=motors_off, unexplained=unexplained)
         if was_open and unexplained:
-            patience = self.goal_queue.settings.cause_timeout
-            self._unsaid = asyncio.get_running_loop().call_later(patience, self._say_disabled)
+            timeout = self.goal_queue.settings.cause_timeout
+            self._unsaid = asyncio.get_running_loop().call_later(timeout, self._say_disabled)
         elif was_open or self._unsaid is not None:
             self._say_disabled()
         self.goal_queue.plans.end(f'{why}, while the motion was planned')
@@ -314,15 +314,15 @@ class Driver:
         now, before = self._now(), self.robot.status
         self.robot.on_status(status, came)
         self._status_missing.heard(now)
-        if self.robot.withheld:
+        if self.robot.joints_unavailable:
             self._joints_missing.heard(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
         quiet = self.gate.reason is not None and self._unsaid is None  # `fault` logs nothing
-        found = self.why_not(Purpose.RUN, now)
-        if found is not None and found.cause is not Cause.PAUSED:
-            self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
+        result = self.why_not(Purpose.RUN, now)
+        if result is not None and result.cause is not Cause.PAUSED:
+            self.fault(result.text, motors_off=result.cause is Cause.MOTORS_OFF)
         else:
             self.goal_queue.on_status(now)
         self._log_condition(status, before, now, quiet=quiet)
@@ -336,22 +336,22 @@ class Driver:
 
         `before`: the last status. `quiet`: no other line reports the cause.
         """
-        found, known = seen_inhibit(status, self.robot.errors), self._condition
-        if found is not None and found.cause is Cause.NOT_POSSIBLE and known is None:
+        result, known = seen_inhibit(status, self.robot.errors), self._condition
+        if result is not None and result.cause is Cause.NOT_POSSIBLE and known is None:
             opened = before is not None and before.motion_possible == TriState.TRUE
-            found = found if opened else None  # otherwise main has not started yet
-        off = found is not None and found.cause is Cause.MOTORS_OFF
-        self._condition = None if off else found
+            result = result if opened else None  # otherwise main has not started yet
+        off = result is not None and result.cause is Cause.MOTORS_OFF
+        self._condition = None if off else result
         if self._condition is None and known is not None:
             level, text = logging.INFO, f'cleared: {known.text}'
         elif (
-            found is not None
+            result is not None
             and quiet
             and (
-                self._went_off(before) if off else known is None or known.cause is not found.cause
+                self._went_off(before) if off else known is None or known.cause is not result.cause
             )
         ):
-            level, text = logging.WARNING, found.text
+            level, text = logging.WARNING, result.text
         else:
             return
         if (line := self._condition_throttle.line(text, now)) is not None:
@@ -420,7 +420,7 @@ class Driver:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
         self._reports[link.name].tell(why)
-        combined = min((each.state for each in self.links), key=WORST_FIRST.index)
+        combined = min((item.state for item in self.links), key=WORST_FIRST.index)
         if combined is not self._link_state:
             self._link_state = combined
             self._events.on_link_state(combined.value, why)

@@ -159,16 +159,16 @@ def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
 
     Returns None if the status does not prevent motion.
     """
-    found = status_inhibit(status, errors)
-    if found is None or found.cause is Cause.MOTORS_OFF:
-        found = manual_inhibit(status) or found
-    if found is None and status.motion_possible == TriState.FALSE:
+    result = status_inhibit(status, errors)
+    if result is None or result.cause is Cause.MOTORS_OFF:
+        result = manual_inhibit(status) or result
+    if result is None and status.motion_possible == TriState.FALSE:
         text = (
             'the controller reports that motion is not possible (a safeguard is open, it is '
             'paused, or main is not running)'
         )
         return Inhibit(Cause.NOT_POSSIBLE, Remedy.LOOK_AT_CONTROLLER, text)
-    return found
+    return result
 
 
 def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> Inhibit | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
-from epson_driver.motion.smoothed import evened, retimed, smoothed, thinned
+from epson_driver.motion.smoothed import denoised, retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
 from epson_driver.processes.worker import answer_file, read_value, write_value
 
@@ -62,7 +62,7 @@ def _to_smooth(
             np.vstack([start, trajectory.positions]),
         )
     if smoothing.tolerance and not smoothing.time_optimal:
-        trajectory = evened(trajectory, limits, smoothing.tolerance)
+        trajectory = denoised(trajectory, limits, smoothing.tolerance)
     return trajectory
 
 

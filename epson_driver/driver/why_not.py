@@ -34,12 +34,12 @@ from epson_driver.simple_message import Status
 STATUS_TIMEOUT_S = 1.0
 """Maximum age of a status, s. (The thesis' controller sends one every 55 ms.)"""
 
-Fact = Callable[['WhyNot', float], Inhibit | None]
+Fact = Callable[['InhibitTable', float], Inhibit | None]
 """Returns the inhibit that applies at the loop's time, s, or None."""
 
 
 @dataclass(eq=False)
-class WhyNot:
+class InhibitTable:
     """Determines whether the arm may move.
 
     `connects_later`: whether the motion link waits for the byte order. `second`: another process
@@ -59,7 +59,7 @@ class WhyNot:
     def __call__(self, purpose: Purpose, now: float) -> Inhibit | None:
         """Return the first fact that inhibits a purpose at `now` (the loop's time, s), or None."""
         facts = (fact(self, now) for fact, purposes in self.ROWS if purpose in purposes)
-        return next((found for found in facts if found is not None), None)
+        return next((result for result in facts if result is not None), None)
 
     @property
     def _status(self) -> Status:
@@ -90,7 +90,7 @@ class WhyNot:
 
     def _no_joints(self, now: float) -> Inhibit | None:
         sample = self.robot.sample
-        if self.robot.withheld:
+        if self.robot.joints_unavailable:
             return None
         measured = None if sample is None else sample.measured
         return _silence(Cause.NO_JOINTS, 'joint state', now, measured, self.state_timeout)
@@ -113,9 +113,9 @@ class WhyNot:
         if self.second is not None:
             return self.second
         status, errors = self._status, self.robot.errors
-        found = status_inhibit(status, errors)
-        if found is not None and found.cause is not Cause.MOTORS_OFF:
-            return found
+        result = status_inhibit(status, errors)
+        if result is not None and result.cause is not Cause.MOTORS_OFF:
+            return result
         if isinstance(link := self.channel.state_link, RemoteLink):
             return flags_inhibit(link.flags, status.error_code, errors)
         return None
@@ -128,11 +128,11 @@ class WhyNot:
         """Return why the arm gate was closed, with the problem to fix now."""
         if self.gate.reason is None:
             return None
-        closed, found = not_enabled(self.gate.reason), self(Purpose.REPORT, now)
-        if found is None or found.cause is Cause.NOT_ENABLED:
+        closed, result = not_enabled(self.gate.reason), self(Purpose.REPORT, now)
+        if result is None or result.cause is Cause.NOT_ENABLED:
             return closed
-        more = '' if found.text in closed.text else f': {found.text}'
-        return replace(found, text=closed.text + more)
+        more = '' if result.text in closed.text else f': {result.text}'
+        return replace(result, text=closed.text + more)
 
     def _motors_off(self, _now: float) -> Inhibit | None:
         return status_inhibit(self._status, self.robot.errors)
@@ -144,7 +144,7 @@ class WhyNot:
         return _said(Cause.STOPPING, next(iter(self.goals.stops), None))
 
     def _stream(self, _now: float) -> Inhibit | None:
-        return _said(Cause.STREAM, self.servo.occupation(), Remedy.END_STREAM)
+        return _said(Cause.STREAM, self.servo.active_user(), Remedy.END_STREAM)
 
     def _no_pose(self, now: float) -> Inhibit | None:
         return _said(Cause.NO_POSE, self.robot.why_not_ready(now))

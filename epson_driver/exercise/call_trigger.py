@@ -28,7 +28,7 @@ def main() -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     client = node.create_client(Trigger, name)
-    said = f'no service {name}'
+    text = f'no service {name}'
     try:
         while time.monotonic() < until:
             if client.wait_for_service(RETRY_S):
@@ -37,9 +37,9 @@ def main() -> int:
                 answer = asked.result() if asked.done() else None
                 if answer is not None and answer.success:
                     return 0
-                said = answer.message if answer is not None else f'no answer from {name}'
+                text = answer.message if answer is not None else f'no answer from {name}'
                 time.sleep(RETRY_S)
-        print(said, file=sys.stderr)
+        print(text, file=sys.stderr)
         return 1
     finally:
         executor.shutdown()

@@ -51,7 +51,7 @@ class Observer:
         self._port = port
         self._password = password
         self._joints = len(model.joint_names)
-        self._units = [float(each) for each in model.shown_per_unit]
+        self._units = [float(item) for item in model.shown_per_unit]
         self._lock = threading.Lock()
         self._times: list[float] = []
         self._positions: list[tuple[float, ...]] = []

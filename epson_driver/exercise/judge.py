@@ -102,27 +102,27 @@ def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
 
 def junit(results: list[Result], command: str) -> str:
     """Return the results as JUnit XML, a test case for each fault."""
-    failures = sum(not each.good for each in results)
+    failures = sum(not result.good for result in results)
     suite = ElementTree.Element(
         'testsuite',
         name='epson_driver exercise',
         tests=str(len(results)),
         failures=str(failures),
-        time=f'{sum(each.seconds for each in results):.3f}',
+        time=f'{sum(result.seconds for result in results):.3f}',
     )
-    for each in results:
+    for item in results:
         case = ElementTree.SubElement(
             suite,
             'testcase',
             classname='epson_driver.exercise',
-            name=each.case,
-            time=f'{each.seconds:.3f}',
+            name=item.case,
+            time=f'{item.seconds:.3f}',
         )
-        if not each.good:
-            failure = ElementTree.SubElement(case, 'failure', message=each.verdict.value)
-            failure.text = _xml_text(each.why)
+        if not item.good:
+            failure = ElementTree.SubElement(case, 'failure', message=item.verdict.value)
+            failure.text = _xml_text(item.why)
         ElementTree.SubElement(case, 'system-out').text = _xml_text(
-            f'{command}: {each.verdict.value}: {each.why}'
+            f'{command}: {item.verdict.value}: {item.why}'
         )
     ElementTree.indent(suite)
     head = '<?xml version="1.0" encoding="utf-8"?>\n'

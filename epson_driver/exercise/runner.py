@@ -77,8 +77,8 @@ STOPPED_FIRST = ('motors off', 'reset')
 """Actions refused while a SPEL+ program runs. The person stops the program first."""
 
 CASES: dict[str, Case] = {
-    each.name: each
-    for each in (
+    item.name: item
+    for item in (
         Case(
             'estop',
             'the E-stop is pressed, released and reset',
@@ -243,8 +243,8 @@ def _watch(
 
 
 def _delay(usual: Observed | None, chance: random.Random) -> float:
-    share = chance.uniform(*MOTION_SHARE)
-    return share * min(usual.seconds if usual is not None else 1.0, LATEST_BEGIN_S)
+    fraction = chance.uniform(*MOTION_SHARE)
+    return fraction * min(usual.seconds if usual is not None else 1.0, LATEST_BEGIN_S)
 
 
 def _begin(cell: SimulatedCell, case: Case) -> str:

@@ -63,7 +63,7 @@ class Entry:
 
 
 @dataclass
-class Book:
+class FirstRunRecord:
     """Steps by name, facts on the robot (address, profile, model, versions), the file's name."""
 
     about: dict[str, str]
@@ -83,7 +83,7 @@ class Book:
     @property
     def habits(self) -> list[str]:
         """Unusual behaviour, as sentences: from the steps, then as differences to the profile."""
-        told = [habit for each in self.entries.values() for habit in each.found.habits]
+        report = [habit for entry in self.entries.values() for habit in entry.found.habits]
         profile = load_controller_profile(self.about['controller'])
         known = {key: value for key, value in self.facts.items() if key in RULES or key == 'io'}
         usual = 'done' if self.facts.get('rests at points') else 'taken'
@@ -91,60 +91,62 @@ class Book:
             if held == 'default' and value == usual:
                 continue
             shown = f'{value:.4g}' if isinstance(value, float) else value
-            told.append(f'{key} is {shown}, but {held} in the profile {profile.name}')
-        return list(dict.fromkeys(told))
+            report.append(f'{key} is {shown}, but {held} in the profile {profile.name}')
+        return list(dict.fromkeys(report))
 
     def _all(self, name: str) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for each in self.entries.values():
-            found |= getattr(each.found, name)
-        return found
+        result: dict[str, Any] = {}
+        for entry in self.entries.values():
+            result |= getattr(entry.found, name)
+        return result
 
     def save(self, path: Path) -> None:
         """Write the file. Raises OSError."""
         write_file(path, ''.join(_page(self)))
 
 
-def load(path: Path) -> Book:
+def load(path: Path) -> FirstRunRecord:
     """Read a first-run file. Raises InputError."""
     name = printable(path)
     content = read_file(path, MAX_FILE_BYTES)
     try:
-        found = _DATA.search(content.decode())
-        if found is None:
+        result = _DATA.search(content.decode())
+        if result is None:
             raise ValueError('it contains no first-run data')
-        data = json.loads(found[1])
+        data = json.loads(result[1])
         choice(VERSION).checked(data['version'], 'version')
         about = {str(key): str(value) for key, value in data['about'].items()}
-        entries = {step: _entry(step, each) for step, each in data['entries'].items()}
+        entries = {step: _entry(step, item) for step, item in data['entries'].items()}
         if not {'controller', 'robot', 'address', 'when'} <= about.keys():
             raise ValueError('controller, robot, address or date is missing')
     except KeyError as error:
         raise InputError(f'{name}: is not a first-run file: {error} is missing') from error
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f'{name}: is not a first-run file: {printable(error)}') from error
-    return Book(about, entries, name)
+    return FirstRunRecord(about, entries, name)
 
 
 def _entry(step: str, data: Mapping[str, Any]) -> Entry:
-    found = Found(**data['found'])
-    own = {'reply delay', 'lateness'} & found.facts.keys()
-    times = found.times | {key: found.facts[key] for key in own}
+    result = Found(**data['found'])
+    own = {'reply delay', 'lateness'} & result.facts.keys()
+    times = result.times | {key: result.facts[key] for key in own}
     for key, value in times.items():
         _SECONDS.checked(value, f'{step}: {key}')
-    flat = {**found.facts, **found.facts.get('io', {}), 'io': 0}
-    if not all(isinstance(each, str | int | float) for each in flat.values()):
+    flat = {**result.facts, **result.facts.get('io', {}), 'io': 0}
+    if not all(isinstance(item, str | int | float) for item in flat.values()):
         raise TypeError(f'{step}: a fact must be a text, a number, true or false')
     state = choice(DONE, SKIPPED, FAILED).checked(data['state'], step)
     at, why, trace = texts = [data[key] for key in ('at', 'why', 'trace')]
-    if not all(isinstance(each, str) for each in (*texts, *found.answers.values(), *found.habits)):
+    if not all(
+        isinstance(item, str) for item in (*texts, *result.answers.values(), *result.habits)
+    ):
         raise TypeError(f'{step}: date, reason, trace, answers and habits must be texts')
     base64.b64decode(trace, validate=True)
-    return Entry(state, at, found, why, trace)
+    return Entry(state, at, result, why, trace)
 
 
 @dataclass(frozen=True)
-class Likeness:
+class ReplicaSettings:
     """The setup of a simulated controller like the robot, with faults active from the start.
 
     motion: smooth or ptp.
@@ -156,7 +158,7 @@ class Likeness:
     faults: tuple[Fault, ...]
 
 
-def likeness(book: Book) -> Likeness:
+def likeness(book: FirstRunRecord) -> ReplicaSettings:
     """Return the setup of a simulated controller like the robot. Raises InputError."""
     facts = book.facts
     stops = bool(facts.get('rests at points'))
@@ -177,10 +179,14 @@ def likeness(book: Book) -> Likeness:
         for port, delay in late.items()
         if delay > MIN_DELAY_S
     ]
-    return Likeness(book.about['robot'], profile, 'ptp' if stops else 'smooth', tuple(faults))
+    return ReplicaSettings(
+        book.about['robot'], profile, 'ptp' if stops else 'smooth', tuple(faults)
+    )
 
 
-def _state_delay(book: Book, profile: ControllerProfile, replies: float, stops: bool) -> float:
+def _state_delay(
+    book: FirstRunRecord, profile: ControllerProfile, replies: float, stops: bool
+) -> float:
     """Return the delay of the state messages, s: how much later motion is seen than in simulation.
 
     A servo lag beyond the profile's has the same effect and is included in the delay.
@@ -193,7 +199,7 @@ def _state_delay(book: Book, profile: ControllerProfile, replies: float, stops: 
     return late if late > float(book.facts.get('lateness', 0.0)) else 0.0
 
 
-def _page(book: Book) -> Iterator[str]:
+def _page(book: FirstRunRecord) -> Iterator[str]:
     """Yield the file, piece by piece."""
     title = f'First run of {book.about["robot"]} at {book.about["address"]}'
     yield f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{_text(title)}</title>\n'
@@ -206,23 +212,26 @@ def _page(book: Book) -> Iterator[str]:
     if habits := book.habits:
         yield (
             '<ul>'
-            + ''.join(f'<li class="habit">{_text(each)}</li>\n' for each in habits)
+            + ''.join(f'<li class="habit">{_text(habit)}</li>\n' for habit in habits)
             + '</ul>'
         )
     else:
         yield f'<p>None: it behaves like the profile {_text(book.about["controller"])}.</p>\n'
     yield from _table('Times', {key: f'{value * 1e3:.1f} ms' for key, value in book.times.items()})
     yield '<h2>Steps</h2>\n'
-    for name, each in book.entries.items():
-        why = f': {each.why}' if each.why else ''
-        yield f'<h3>{_text(name)}</h3>\n<p>{_text(each.state)}, {_text(each.at)}{_text(why)}</p>\n'
-        yield from _table('', each.found.facts | each.found.answers)
-        if each.trace:
+    for name, entry in book.entries.items():
+        why = f': {entry.why}' if entry.why else ''
+        yield f'<h3>{_text(name)}</h3>\n'
+        yield f'<p>{_text(entry.state)}, {_text(entry.at)}{_text(why)}</p>\n'
+        yield from _table('', entry.found.facts | entry.found.answers)
+        if entry.trace:
             file = f'{name.replace(" ", "_").replace("/", "")}.pcap'
-            link = f'<a download="{_text(file)}" href="{_TRACE}{_text(each.trace)}">wire trace</a>'
+            link = (
+                f'<a download="{_text(file)}" href="{_TRACE}{_text(entry.trace)}">wire trace</a>'
+            )
             yield f'<p>{link} (Wireshark, <code>epson_driver report</code>)</p>\n'
     data = {'version': VERSION, 'about': book.about}
-    data |= {'entries': {name: asdict(each) for name, each in book.entries.items()}}
+    data |= {'entries': {name: asdict(element) for name, element in book.entries.items()}}
     text = json.dumps(data, default=np.generic.item).replace('<', '\\u003c')
     yield f'<script type="application/json" id="first-run">{text}</script>\n</html>\n'
 

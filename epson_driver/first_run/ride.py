@@ -58,7 +58,7 @@ class NotMovedError(Exception):
 
 
 @dataclass
-class Ride:
+class TestMove:
     """Records of one motion. Times: s on the loop's clock.
 
     sent: times of the points. answers: time and code of each reply, or None without a reply.
@@ -116,7 +116,7 @@ async def ride(
     targets: Sequence[Array],
     durations: Sequence[float],
     stop_after: float | None = None,
-) -> Ride:
+) -> TestMove:
     """Move through the targets, shape (n,) each, rad or m, and wait until the arm rests.
 
     stop_after: time from the first point with motion to a STOP, s. Raises NotMovedError before
@@ -126,7 +126,7 @@ async def ride(
     here = await _here(state, model, errors)
     _check(here, targets, durations, model)
     first = len(state.heard.packets)
-    made = Ride()
+    made = TestMove()
     motion.dialect = state.heard.packets[-1][1].dialect
     stopping: asyncio.Task[None] | None = None
     try:
@@ -160,14 +160,14 @@ async def ride(
     return made
 
 
-async def _stop_after(motion: Conversation, seconds: float, made: Ride) -> None:
+async def _stop_after(motion: Conversation, seconds: float, made: TestMove) -> None:
     await asyncio.sleep(seconds)
     made.stopped = asyncio.get_running_loop().time()
     motion.post(STOP)
 
 
 async def _here(state: Conversation, model: RobotModel, errors: ErrorTexts) -> Array:
-    if not await state.heard_within(
+    if not await state.wait_for_traffic(
         lambda heard: latest_status(heard) and latest_joints(heard), 5
     ):
         raise NotMovedError('no joint states and STATUS received')
@@ -175,9 +175,9 @@ async def _here(state: Conversation, model: RobotModel, errors: ErrorTexts) -> A
     joints, status = latest_joints(state.heard), latest_status(state.heard)
     assert joints is not None  # noqa: S101 - both were waited for
     assert status is not None  # noqa: S101
-    found = seen_inhibit(status, errors)
-    if found is not None:
-        raise NotMovedError(found.text)
+    result = seen_inhibit(status, errors)
+    if result is not None:
+        raise NotMovedError(result.text)
     return np.array(joints[: len(model.joint_names)])
 
 
@@ -212,27 +212,27 @@ def _positions(state: Conversation, first: int, joints: int) -> tuple[Array, Arr
     seen = [
         (
             at,
-            each.message.joints
-            if isinstance(each.message, JointPosition)
-            else each.message.positions,
+            item.message.joints
+            if isinstance(item.message, JointPosition)
+            else item.message.positions,
         )
-        for at, each in state.heard.packets[first:]
-        if isinstance(each.message, JointPosition | JointFeedback)
+        for at, item in state.heard.packets[first:]
+        if isinstance(item.message, JointPosition | JointFeedback)
     ]
-    return np.array([at for at, _ in seen]), np.array([each[:joints] for _, each in seen])
+    return np.array([at for at, _ in seen]), np.array([item[:joints] for _, item in seen])
 
 
-def _take_over(made: Ride, state: Conversation, first: int, joints: int) -> None:
+def _take_over(made: TestMove, state: Conversation, first: int, joints: int) -> None:
     made.lateness = state.heard.lateness
     made.times, made.positions = _positions(state, max(first - 1, 0), joints)
     made.statuses = [
-        (at, each.message)
-        for at, each in state.heard.packets[first:]
-        if isinstance(each.message, Status)
+        (at, item.message)
+        for at, item in state.heard.packets[first:]
+        if isinstance(item.message, Status)
     ]
 
 
-def ahead(made: Ride, joint: int, delay: float) -> float:
+def ahead(made: TestMove, joint: int, delay: float) -> float:
     """Return the maximum number of points acknowledged ahead of the arm, in a ride of one joint.
 
     delay: the delay of replies, s.
@@ -240,16 +240,16 @@ def ahead(made: Ride, joint: int, delay: float) -> float:
     if made.begin is None:
         return 0.0
     way = np.abs(made.positions[:, joint] - made.positions[0, joint])
-    share = way / way[-1] * (len(made.sent) - 1)
+    fraction = way / way[-1] * (len(made.sent) - 1)
     counts = [
-        number - float(np.interp(answer[0] - delay, made.times, share))
+        number - float(np.interp(answer[0] - delay, made.times, fraction))
         for number, answer in enumerate(made.answers)
         if answer is not None and answer[0] < made.end
     ]
     return max(counts, default=0.0)
 
 
-def rests(made: Ride) -> int:
+def rests(made: TestMove) -> int:
     """Return how often the arm rested during its motion."""
     if made.begin is None:
         return 0

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from epson_driver.doctor.listening import TRACE, NoConnectionError
-from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Book, Entry, packed
+from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Entry, FirstRunRecord, packed
 from epson_driver.first_run.ride import NotMovedError
 from epson_driver.first_run.steps import EndedError, FirstRun, Step, agreed, make_ready, steps
 from epson_driver.trace.pcap import PcapWriter
@@ -17,7 +17,9 @@ from epson_driver.trace.pcap import PcapWriter
 CHOICES = 'Enter or y: do it, s: skip it, q: end (continue another time): '
 
 
-async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str], None]) -> bool:
+async def go_through(
+    run: FirstRun, book: FirstRunRecord, path: Path, say: Callable[[str], None]
+) -> bool:
     """Do every step that has not been done. Returns False if the user ended the session.
 
     `say` shows a line to the user. The book is written after every step, so that an interruption
@@ -53,12 +55,12 @@ async def _done(step: Step, run: FirstRun) -> Entry:
     try:
         if step.moves:
             await make_ready(run)
-        found = await step.do(run)
+        result = await step.do(run)
     except (NotMovedError, NoConnectionError) as error:
         return Entry(FAILED, _now(), why=str(error), trace=packed(file.getvalue()))
     finally:
         TRACE.reset(token)
-    return Entry(DONE, _now(), found, trace=packed(file.getvalue()))
+    return Entry(DONE, _now(), result, trace=packed(file.getvalue()))
 
 
 def _now() -> str:

@@ -25,7 +25,7 @@ from epson_driver.doctor.pose_checks import Ask
 from epson_driver.doctor.state_facts import latest_joints, latest_status
 from epson_driver.driver.inhibit import seen_inhibit
 from epson_driver.error_texts import ErrorTexts, load_error_texts
-from epson_driver.first_run.ride import MOVED, STOP, NotMovedError, Ride, ahead, rests, ride
+from epson_driver.first_run.ride import MOVED, STOP, NotMovedError, TestMove, ahead, rests, ride
 from epson_driver.motion import Array
 from epson_driver.robots.chain import PRISMATIC
 from epson_driver.simple_message import ReplyCode, Status, TriState
@@ -111,16 +111,16 @@ class Step:
 async def _listen(run: FirstRun) -> Found:
     question = dataclasses.replace(run.question, may_ask=False, may_use_io=False)
     facts = await check_controller(question, run.findings)
-    found = Found(facts)
+    result = Found(facts)
     if 'state.period' in facts:
-        found.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
+        result.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
     async with conversation(question.host, question.state_port) as state:
         await state.ended_within(1.0)
         joints = latest_joints(state.heard)
         if joints is not None and (step := _rounding(joints[: run.joints])):
-            found.facts['servo.encoder'] = False
-            found.habits.append(f'joint states are rounded to {step:g} degrees')
-    return found
+            result.facts['servo.encoder'] = False
+            result.habits.append(f'joint states are rounded to {step:g} degrees')
+    return result
 
 
 def _rounding(joints: Sequence[float]) -> float:
@@ -135,16 +135,16 @@ def _rounding(joints: Sequence[float]) -> float:
 
 
 async def _pendant(run: FirstRun) -> Found:
-    said = await run.ask('J1 J2 … on the pendant, in degrees (prismatic joints: mm): ')
-    found = Found(answers={'pendant': said.strip()[:200]})
+    message = await run.ask('J1 J2 … on the pendant, in degrees (prismatic joints: mm): ')
+    result = Found(answers={'pendant': message.strip()[:200]})
     try:
-        shown = np.array([float(word) for word in said.replace(',', ' ').split()])
+        shown = np.array([float(word) for word in message.replace(',', ' ').split()])
     except ValueError:
         shown = np.empty(0)
     if len(shown) != run.joints:
         raise NotMovedError(f'not compared with the pendant: {run.joints} numbers are needed')
     async with conversation(run.question.host, run.question.state_port) as state:
-        await state.heard_within(latest_joints, 5.0)
+        await state.wait_for_traffic(latest_joints, 5.0)
         joints = latest_joints(state.heard)
     if joints is None:
         raise NotMovedError('no joint states came')
@@ -154,12 +154,12 @@ async def _pendant(run: FirstRun) -> Found:
             continue
         name = run.question.model.joint_names[index]
         if abs(ours + theirs) <= PENDANT_TOLERANCE:
-            found.habits.append(f'{name} has the opposite sign: joint_signs -1')
+            result.habits.append(f'{name} has the opposite sign: joint_signs -1')
         else:
-            found.habits.append(
+            result.habits.append(
                 f'{name} = {ours:.3f}, but {theirs:.3f} on the pendant: joint_offsets'
             )
-    return found
+    return result
 
 
 def _shown(joints: Array, run: FirstRun) -> Array:
@@ -170,7 +170,7 @@ def _shown(joints: Array, run: FirstRun) -> Array:
 async def _ask_still(run: FirstRun) -> Found:
     question = dataclasses.replace(run.question, may_ask=True, may_use_io=False)
     facts = await check_controller(question, run.findings)
-    found = Found(facts)
+    result = Found(facts)
     if 'program.kind' not in facts:
         raise NotMovedError('the motion port was not queried: see above')
     host, port = question.host, question.motion_port
@@ -178,7 +178,7 @@ async def _ask_still(run: FirstRun) -> Found:
         conversation(host, question.state_port) as state,
         conversation(host, port) as motion,
     ):
-        await state.heard_within(lambda heard: heard.packets, 5.0)
+        await state.wait_for_traffic(lambda heard: heard.packets, 5.0)
         motion.dialect = state.heard.packets[0][1].dialect
         took, missing = [], 0
         for _ in range(REPLY_TRIES):
@@ -189,13 +189,13 @@ async def _ask_still(run: FirstRun) -> Found:
             took.append(asyncio.get_running_loop().time() - began)
         handshake = motion.heard.handshake
     if missing:
-        found.habits.append(f'{missing} of {REPLY_TRIES} requests had no reply')
+        result.habits.append(f'{missing} of {REPLY_TRIES} requests had no reply')
     if took:
-        found.times['reply to STOP'] = reply = statistics.median(took)
+        result.times['reply to STOP'] = reply = statistics.median(took)
         if reply > LATE_S + handshake:
-            found.facts['reply delay'] = reply - handshake
-            found.habits.append(f'replies are {(reply - handshake) * 1e3:.0f} ms late')
-    return found
+            result.facts['reply delay'] = reply - handshake
+            result.habits.append(f'replies are {(reply - handshake) * 1e3:.0f} ms late')
+    return result
 
 
 async def _io(run: FirstRun) -> Found:
@@ -207,7 +207,7 @@ async def _io(run: FirstRun) -> Found:
 async def make_ready(run: FirstRun) -> None:
     """Ask a person to make the arm ready, if it is not. Nothing is sent."""
     async with conversation(run.question.host, run.question.state_port) as state:
-        await state.heard_within(latest_status, 5.0)
+        await state.wait_for_traffic(latest_status, 5.0)
         status = latest_status(state.heard)
         if status is None or seen_inhibit(status, run.errors) is not None:
             await _ready(run, state, 'Set the power LOW, switch the motors on, start main')
@@ -247,10 +247,10 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
         if not done or state.heard.ended:
             raise NotMovedError('the arm was not made ready')
         status = latest_status(state.heard)
-        found = None if status is None else seen_inhibit(status, run.errors)
-        if status is not None and found is None:
+        result = None if status is None else seen_inhibit(status, run.errors)
+        if status is not None and result is None:
             return
-        run.findings.note('not ready', 'no STATUS received' if found is None else found.text)
+        run.findings.note('not ready', 'no STATUS received' if result is None else result.text)
 
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
@@ -270,28 +270,28 @@ async def _joint(index: int, run: FirstRun) -> Found:
         here = await _where(run, state)
         target = _target(here, index, run)
         made = await _ride(run, state, motion, [target], [WAY_S])
-        found = _ride_times(f'joint {index + 1}', made)
+        result = _ride_times(f'joint {index + 1}', made)
         if index == 0:
-            found.facts['lateness'] = made.lateness
+            result.facts['lateness'] = made.lateness
         off = np.abs(made.positions[-1] - target).max()
         if off > 2.0 * MOVED:
-            found.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
+            result.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
         back = _ride_times(f'joint {index + 1}', await _ride(run, state, motion, [here], [WAY_S]))
     # motion starts in a cycle of the controller, so the mean of two is more accurate
-    found.times = {
+    result.times = {
         key: statistics.mean((value, back.times.get(key, value)))
-        for key, value in found.times.items()
+        for key, value in result.times.items()
     }
     sense = '+' if target[index] > here[index] else '-'
-    said = await run.ask(f'Did J{index + 1} move in its {sense} direction, and back? (y/n): ')
-    found.answers[name] = f'{sense}: {said.strip()[:100]}'
-    if said.strip().lower().startswith('n'):
-        found.habits.append(f'{name} has the opposite sign: joint_signs -1')
-    return found
+    message = await run.ask(f'Did J{index + 1} move in its {sense} direction, and back? (y/n): ')
+    result.answers[name] = f'{sense}: {message.strip()[:100]}'
+    if message.strip().lower().startswith('n'):
+        result.habits.append(f'{name} has the opposite sign: joint_signs -1')
+    return result
 
 
 async def _where(run: FirstRun, state: Conversation) -> Array:
-    await state.heard_within(latest_joints, 5.0)
+    await state.wait_for_traffic(latest_joints, 5.0)
     joints = latest_joints(state.heard)
     if joints is None:
         raise NotMovedError('no joint states came')
@@ -305,28 +305,28 @@ async def _ride(
     targets: Sequence[Array],
     durations: Sequence[float],
     stop_after: float | None = None,
-) -> Ride:
+) -> TestMove:
     model = run.question.model
     return await ride(state, motion, model, run.errors, targets, durations, stop_after)
 
 
-def _ride_times(name: str, made: Ride) -> Found:
-    found = Found()
-    missing = sum(each is None for each in made.answers)
+def _ride_times(name: str, made: TestMove) -> Found:
+    result = Found()
+    missing = sum(answer is None for answer in made.answers)
     if missing:
-        found.habits.append(f'{missing} of {len(made.sent)} points had no reply')
-    if any(each is not None and each[1] is ReplyCode.FAILURE for each in made.answers):
-        found.habits.append(f'{name}: a point was refused')
+        result.habits.append(f'{missing} of {len(made.sent)} points had no reply')
+    if any(answer is not None and answer[1] is ReplyCode.FAILURE for answer in made.answers):
+        result.habits.append(f'{name}: a point was refused')
     if made.begin is None:
-        found.habits.append(f'{name}: the arm did not move')
+        result.habits.append(f'{name}: the arm did not move')
     else:
-        found.times[f'{name}: point sent to motion seen'] = made.begin - made.sent[1]
-        found.times[f'{name}: motion'] = made.end - made.begin
-    return found
+        result.times[f'{name}: point sent to motion seen'] = made.begin - made.sent[1]
+        result.times[f'{name}: motion'] = made.end - made.begin
+    return result
 
 
 async def _points(run: FirstRun) -> Found:
-    found = Found()
+    result = Found()
     counts: list[float] = []
     periods: list[float] = []
     async with run.links() as (state, motion):
@@ -338,21 +338,21 @@ async def _points(run: FirstRun) -> Found:
             name = f'{STREAM_POINTS} points of {usual:g} s{" and two replies" * bool(run.delay)}'
             made = await _ride(run, state, motion, ways, [period] * STREAM_POINTS)
             one = _ride_times(name, made)
-            found.times |= one.times
-            found.habits += one.habits
+            result.times |= one.times
+            result.habits += one.habits
             counts.append(ahead(made, 0, run.delay))
             periods.append(period)
             stops = rests(made)
             await _ride(run, state, motion, [here], [WAY_S])
-    found.facts |= _buffer(counts, periods)
+    result.facts |= _buffer(counts, periods)
     # a point acknowledged at the arm's arrival leaves the arm without a next point
-    waits = found.facts.get('program.acknowledge') == 'done'
-    found.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
-    if found.facts['rests at points']:
+    waits = result.facts.get('program.acknowledge') == 'done'
+    result.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
+    if result.facts['rests at points']:
         text = f'{stops} stops at {STREAM_POINTS} points'
         why = ', replies come after the arrival at each point' if waits else ''
-        found.habits.append(f'the arm stops at points: {text}{why}')
-    return found
+        result.habits.append(f'the arm stops at points: {text}{why}')
+    return result
 
 
 def _numbers(count: int) -> range:
@@ -366,12 +366,12 @@ def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]
     """
     if min(counts) < 0.5:
         return {'program.acknowledge': 'done'}
-    whole = [math.floor(each + 0.5) for each in counts]
+    whole = [math.floor(count + 0.5) for count in counts]
     if min(whole) >= STREAM_POINTS - 1:
         return {'program.acknowledge': 'taken'}  # all were accepted immediately
     if whole[0] == whole[1]:
         return {'program.acknowledge': 'taken', 'motion.look_ahead_points': whole[0]}
-    spans = [(each - 1.0) * period for each, period in zip(counts, periods, strict=True)]
+    spans = [(item - 1.0) * period for item, period in zip(counts, periods, strict=True)]
     seconds = round(statistics.fmean(spans), 2)
     return {'program.acknowledge': 'taken', 'motion.look_ahead': max(seconds, 0.01)}
 
@@ -381,23 +381,23 @@ async def _stop(run: FirstRun) -> Found:
         here = await _where(run, state)
         target = _target(here, 0, run)
         made = await _ride(run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2)
-        found = Found()
+        result = Found()
         if made.begin is None or made.stopped is None:
             raise NotMovedError('the arm did not move')
         stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
         if not stopped:
-            found.habits.append('a STOP does not stop the arm')
+            result.habits.append('a STOP does not stop the arm')
         else:
-            found.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
+            result.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
         await _ride(run, state, motion, [here], [WAY_S])
-    return found
+    return result
 
 
 async def _interrupted(
     what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
 ) -> Found:
     """Move joint 1 to and fro until a person interrupts it, and check that the arm then rests."""
-    found = Found()
+    result = Found()
     name = what.partition(',')[0]
     async with run.links() as (state, motion):
         here = await _where(run, state)
@@ -411,23 +411,23 @@ async def _interrupted(
         except BaseException:
             doing.cancel()
             raise
-        found.answers[name] = (await doing).strip()[:200] or 'done'
+        result.answers[name] = (await doing).strip()[:200] or 'done'
         at = made.since(seen)
         if at is None:
-            found.habits.append(f'{name}: STATUS did not show it')
-            return found
-        found.times[f'{name}: STATUS to rest'] = max(made.end - at, 0.0)
-        _error_number(name, made, run, found)
+            result.habits.append(f'{name}: STATUS did not show it')
+            return result
+        result.times[f'{name}: STATUS to rest'] = max(made.end - at, 0.0)
+        _error_number(name, made, run, result)
         await _ready(run, state, undo)
         before = await _where(run, state)
         await state.ended_within(2.0)
         if np.abs(await _where(run, state) - before).max() > MOVED:
-            found.habits.append(f'{name}: the arm resumed its motion without a command')
-    return found
+            result.habits.append(f'{name}: the arm resumed its motion without a command')
+    return result
 
 
-def _error_number(name: str, made: Ride, run: FirstRun, found: Found) -> None:
-    number = next((each.error_code for _, each in reversed(made.statuses) if each.error_code), 0)
+def _error_number(name: str, made: TestMove, run: FirstRun, found: Found) -> None:
+    number = next((item.error_code for _, item in reversed(made.statuses) if item.error_code), 0)
     found.answers[f'{name}: error'] = run.errors.phrase(number)
     if number and number not in run.errors:
         table = run.question.profile.error_texts
@@ -436,7 +436,7 @@ def _error_number(name: str, made: Ride, run: FirstRun, found: Found) -> None:
 
 async def _cable(run: FirstRun) -> Found:
     """Ask for the cable to be unplugged during a motion, then read the arm's position."""
-    found = Found()
+    result = Found()
     async with run.links() as (state, motion):
         here = await _where(run, state)
         target = _target(here, 0, run)
@@ -448,21 +448,21 @@ async def _cable(run: FirstRun) -> Found:
             lost = bool(state.heard.ended or motion.heard.ended)
         except (NotMovedError, ConnectionError) as error:
             lost, made = True, None
-            found.answers['cable: what was seen'] = str(error)
+            result.answers['cable: what was seen'] = str(error)
         except BaseException:
             doing.cancel()
             raise
-        found.answers['cable'] = (await doing).strip()[:200] or 'done'
+        result.answers['cable'] = (await doing).strip()[:200] or 'done'
     if made is not None and not lost:
-        found.habits.append('cable: the connection was not lost')
-        return found
+        result.habits.append('cable: the connection was not lost')
+        return result
     async with conversation(run.question.host, run.question.state_port) as state:
         after = await _where(run, state)
     finished = bool(np.abs(after - target).max() < 2.0 * MOVED)
-    found.facts['server.lost_client'] = 'finish' if finished else 'brake'
+    result.facts['server.lost_client'] = 'finish' if finished else 'brake'
     if finished:
-        found.habits.append('the arm continues to its point after the connection is lost')
-    return found
+        result.habits.append('the arm continues to its point after the connection is lost')
+    return result
 
 
 QUESTIONS: Mapping[str, str] = {
@@ -484,13 +484,13 @@ QUESTIONS: Mapping[str, str] = {
 
 
 async def _questions(run: FirstRun) -> Found:
-    found = Found()
+    result = Found()
     for program, question in QUESTIONS.items():
-        said = await run.ask(f'docs/examples/spel/{program}: {question} (Enter: not tried): ')
-        if said.strip():
-            found.answers[program] = said.strip()[:1000]
-    found.answers['versions'] = (await run.ask('Versions of controller and RC+: ')).strip()[:200]
-    return found
+        message = await run.ask(f'docs/examples/spel/{program}: {question} (Enter: not tried): ')
+        if message.strip():
+            result.answers[program] = message.strip()[:1000]
+    result.answers['versions'] = (await run.ask('Versions of controller and RC+: ')).strip()[:200]
+    return result
 
 
 def _estopped(status: Status) -> bool:

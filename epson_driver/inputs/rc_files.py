@@ -44,9 +44,9 @@ class Block:
 
     def blocks(self, prefix: str) -> Iterator['Block']:
         """Yield the nested blocks whose name is the prefix and a number."""
-        for each in self.items:
-            if isinstance(each, Block) and each.name.removeprefix(prefix).isdigit():
-                yield each
+        for item in self.items:
+            if isinstance(item, Block) and item.name.removeprefix(prefix).isdigit():
+                yield item
 
     def text(self, key: str, usual: str = '') -> str:
         """Return a string."""
@@ -66,8 +66,8 @@ class Block:
         return RcFileError(self.file, self.lines.get(key, self.lines.get('', 1)), said)
 
     def _value(self, key: str) -> str | None:
-        found = (each[1] for each in self.items if isinstance(each, tuple) and each[0] == key)
-        return next(found, None)
+        result = (item[1] for item in self.items if isinstance(item, tuple) and item[0] == key)
+        return next(result, None)
 
 
 def parsed(name: str, text: str) -> Block:
@@ -78,22 +78,22 @@ def parsed(name: str, text: str) -> Block:
     top = Block('', file=name)
     open_blocks = [top]
     for number, line in enumerate(text.replace(CRLF, '\n').split('\n'), 1):
-        said = line.strip('\t ')
-        if number == 1 and said.startswith('ENVT'):
+        message = line.strip('\t ')
+        if number == 1 and message.startswith('ENVT'):
             top.items.append(('', line))
-        elif said == '}':
+        elif message == '}':
             if len(open_blocks) == 1:
                 raise RcFileError(name, number, '} without a block')
             open_blocks.pop()
-        elif '=' in said:
-            key, _, value = said.partition('=')
+        elif '=' in message:
+            key, _, value = message.partition('=')
             open_blocks[-1].items.append((key, value))
             open_blocks[-1].lines.setdefault(key, number)
-        elif said.endswith('{') and len(open_blocks) < _DEEPEST:
-            block = Block(said[:-1].rstrip(), file=name, lines={'': number})
+        elif message.endswith('{') and len(open_blocks) < _DEEPEST:
+            block = Block(message[:-1].rstrip(), file=name, lines={'': number})
             open_blocks[-1].items.append(block)
             open_blocks.append(block)
-        elif said:
+        elif message:
             raise RcFileError(name, number, 'expected key=value, a block or }')
     if len(open_blocks) > 1:
         raise open_blocks[-1].fault('', f'the block {open_blocks[-1].name} has no end: }}')
@@ -131,13 +131,13 @@ def sealed(body: Block, modified: datetime, mac: str = MAC) -> str:
 def header_fault(content: bytes) -> str:
     """Return the error in a file's header, or ''. Its line ends may be LF."""
     first, _, rest = content.replace(b'\r\n', b'\n').partition(b'\n')
-    found = re.match(rb'ENVT0100,LM:[^,]*,DS:([0-9]{10}),CS:([0-9]{5}),', first)
-    if found is None:
+    result = re.match(rb'ENVT0100,LM:[^,]*,DS:([0-9]{10}),CS:([0-9]{5}),', first)
+    if result is None:
         return 'it has no header ENVT0100, so RC+ does not read it'
     body = rest.replace(b'\n', b'\r\n')
-    if int(found[1]) != len(first) + 2 + len(body):
+    if int(result[1]) != len(first) + 2 + len(body):
         return 'its header has another size'
-    return '' if int(found[2]) == checksum(body) else 'its header has another checksum'
+    return '' if int(result[2]) == checksum(body) else 'its header has another checksum'
 
 
 def checksum(content: bytes) -> int:

@@ -31,7 +31,7 @@ ADDRESS = re.compile('add?ress|host(name)?')
 
 def near_name(name: str, known: Iterable[str]) -> str | None:
     """Return the most similar known name, ignoring underscores and case, or None."""
-    plain = {_plain(each): each for each in known}
+    plain = {_plain(item): item for item in known}
     near = get_close_matches(_plain(name), plain, 1, MIN_LIKENESS)
     return plain[near[0]] if near else None
 
@@ -161,7 +161,7 @@ def list_of(rule: Rule) -> Rule:
     def read(value: Any) -> list[Any]:
         if not isinstance(value, list) or not value:
             raise TypeError
-        return [rule.read(each) for each in value]
+        return [rule.read(item) for item in value]
 
     return Rule(read, f'must be a list, of which each {rule.text}')
 

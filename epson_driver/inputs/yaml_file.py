@@ -69,10 +69,10 @@ def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
     line = None
     for key in keys:
         pairs = node.value if isinstance(node, yaml.MappingNode) else ()
-        found = [(each, value) for each, value in pairs if each.value == key]
-        if not found:
+        result = [(item, value) for item, value in pairs if item.value == key]
+        if not result:
             return line
-        line, node = found[0][0].start_mark.line + 1, found[0][1]
+        line, node = result[0][0].start_mark.line + 1, result[0][1]
     return line
 
 

@@ -244,7 +244,7 @@ class RemoteLink(Link):
         try:
             ends = (connection.ended, *tasks)
             await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-            why = next(each.result() for each in ends if each.done())
+            why = next(end.result() for end in ends if end.done())
             if not self.connected and why == 'closed by the controller':
                 why += f' at the login: {ONE_CLIENT}'
             return f'{why}; {GOES_ON}' if self.moving else why
@@ -306,7 +306,7 @@ class RemoteLink(Link):
         self._send_next()
 
     def _send_next(self) -> None:
-        if self._executes and all(each.name != 'execute' for each in self._asked):
+        if self._executes and all(item.name != 'execute' for item in self._asked):
             self._send(self._executes.popleft())
 
     def _send(self, question: _Question) -> None:

@@ -101,10 +101,10 @@ class PendingReplies:
         if waiting.sequence == STOP:  # a reply to one STOP answers them all
             self._waiting = deque(
                 (
-                    each
-                    for each in self._waiting
-                    if each.sequence != waiting.sequence
-                    or waiting.sent - each.sent <= MAX_REPLY_AGE_S
+                    item
+                    for item in self._waiting
+                    if item.sequence != waiting.sequence
+                    or waiting.sent - item.sent <= MAX_REPLY_AGE_S
                 ),
                 MAX_PENDING,
             )
@@ -112,12 +112,12 @@ class PendingReplies:
 
     def take(self, reply: Packet) -> PendingRequest | None:
         """Remove and return the request that the reply answers, or None."""
-        found = self._find(reply)
-        if found is not None:
-            self._waiting.remove(found)
-            if found.sequence:
-                self._answered.append(found.sequence)
-        return found
+        result = self._find(reply)
+        if result is not None:
+            self._waiting.remove(result)
+            if result.sequence:
+                self._answered.append(result.sequence)
+        return result
 
     def give_up(self, waiting: PendingRequest) -> None:
         """Drop one request. A late reply with its sequence does not match another one."""

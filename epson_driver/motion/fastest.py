@@ -53,9 +53,9 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     passes them exactly, or within `tolerance` in every joint except at the ends. It respects all
     limits at every instant.
     """
-    begin = np.zeros((1, waypoints.shape[1]))
+    start = np.zeros((1, waypoints.shape[1]))
     path = through(
-        Knots(np.zeros(1), waypoints[:1], begin, begin), waypoints[1:], limits, False, True
+        Knots(np.zeros(1), waypoints[:1], start, start), waypoints[1:], limits, False, True
     )
     profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile()
     times = np.interp(path.knots.u, profile.positions, profile.times)
@@ -115,11 +115,11 @@ def _bends(path: Path) -> Array:
 def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Array:
     """Return the tolerance at each waypoint, shape (k,). It is 0 at the limit of a range."""
     lengths = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
-    found = np.zeros(len(waypoints))
-    found[1:-1] = np.minimum(tolerance, NEIGHBOUR_SHARE * np.minimum(lengths[:-1], lengths[1:]))
+    result = np.zeros(len(waypoints))
+    result[1:-1] = np.minimum(tolerance, NEIGHBOUR_SHARE * np.minimum(lengths[:-1], lengths[1:]))
     room = np.minimum(waypoints - limits.position_min, limits.position_max - waypoints)
-    found[room.min(axis=1) < found] = 0.0
-    return found
+    result[room.min(axis=1) < result] = 0.0
+    return result
 
 
 def _slowed(

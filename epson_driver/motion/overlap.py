@@ -115,21 +115,21 @@ def blend_start(
     `accel` are fractions of the limits for the sum. `tool`: each joint's reach, shape (n,), m, and
     the limit of the sum of the joints' velocities times their reach, m/s.
     """
-    found = first.duration
-    if not earliest < found or first.braking == 0.0 or second.braking == 0.0:
-        return found
+    result = first.duration
+    if not earliest < result or first.braking == 0.0 or second.braking == 0.0:
+        return result
     check = _Check(first, second, limits, speed, accel, tool)
-    starts = np.linspace(earliest, found, CANDIDATE_STARTS, endpoint=False)
+    starts = np.linspace(earliest, result, CANDIDATE_STARTS, endpoint=False)
     for _ in range(2):
         allowed = check(starts)
         if not allowed.any():
             break
         index = int(np.argmax(allowed))
-        found = float(starts[index])
+        result = float(starts[index])
         if index == 0:
             break
-        starts = np.linspace(starts[index - 1], found, CANDIDATE_STARTS, endpoint=False)[1:]
-    return found
+        starts = np.linspace(starts[index - 1], result, CANDIDATE_STARTS, endpoint=False)[1:]
+    return result
 
 
 class _Check:
@@ -179,17 +179,17 @@ class _Check:
 
     def __call__(self, starts: Array) -> Array:
         """Return for each start whether the sum is allowed while both move, shape (m,)."""
-        begin = starts[:, None]
+        start = starts[:, None]
         times = np.concatenate(
-            [np.broadcast_to(self._first.times, (len(starts), 8)), self._second.times + begin],
+            [np.broadcast_to(self._first.times, (len(starts), 8)), self._second.times + start],
             axis=1,
         )
-        times = np.sort(np.clip(times, begin, self._end), axis=1)
+        times = np.sort(np.clip(times, start, self._end), axis=1)
         since, until = times[:, :-1], times[:, 1:]
         middle = (since + until) / 2.0
         states = zip(
             _states(self._first, since, middle),
-            _states(self._second, since - begin, middle - begin),
+            _states(self._second, since - start, middle - start),
             strict=True,
         )
         p, v, a, j = (

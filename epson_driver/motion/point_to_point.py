@@ -30,7 +30,7 @@ def calculated(inp: InputParameter) -> RuckigTrajectory | None:
     trajectory = _calculated(inp)
     if trajectory is None:
         jerk = inp.max_jerk
-        inp.max_jerk = [LESS_JERK * each for each in jerk]
+        inp.max_jerk = [LESS_JERK * item for item in jerk]
         trajectory = _calculated(inp)
         inp.max_jerk = jerk
     return trajectory
@@ -247,12 +247,12 @@ def go_in(
 def _bounds_along(
     direction: Array, limits: JointLimits, speed: float, accel: float
 ) -> InputParameter:
-    share = np.abs(direction)
+    fraction = np.abs(direction)
     inp = InputParameter(1)
     with np.errstate(divide='ignore', over='ignore'):  # a joint at rest imposes no limit
-        inp.max_velocity = [float(np.min(limits.velocity / share)) * speed]
-        inp.max_acceleration = [float(np.min(limits.acceleration / share)) * accel]
-        inp.max_jerk = [float(np.min(limits.jerk / share)) * accel]
+        inp.max_velocity = [float(np.min(limits.velocity / fraction)) * speed]
+        inp.max_acceleration = [float(np.min(limits.acceleration / fraction)) * accel]
+        inp.max_jerk = [float(np.min(limits.jerk / fraction)) * accel]
     return inp
 
 

@@ -86,7 +86,7 @@ _State = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Aim:
+class ServoTarget:
     """Target state of the joints at the end of a step, shapes (n,).
 
     low, high: bounds that the joints must not pass, if they can still stop before them. A target
@@ -99,7 +99,7 @@ class Aim:
     low: Array
     high: Array
 
-    def before(self, time: float) -> 'Aim':
+    def before(self, time: float) -> 'ServoTarget':
         """Return the stream's target `time` s earlier."""
         a = self.acceleration
         position = self.position - time * (self.velocity - time * a / 2.0)
@@ -162,7 +162,7 @@ class SetpointTracker:
         self.time += dt
         return self.state
 
-    def follow(self, dt: float, aim: Aim, speed: float | Array = 1.0) -> None:
+    def follow(self, dt: float, aim: ServoTarget, speed: float | Array = 1.0) -> None:
         """Move towards a finite aim in the next `dt` > 0 s.
 
         `speed`: share (0, 1] of the velocity limits, for all joints or per joint, shape (n,).
@@ -177,11 +177,11 @@ class SetpointTracker:
         faster = acceleration - aim.acceleration
         ahead = velocity - (wanted - dt * aim.acceleration)
         beyond = position - (target - dt * (wanted - dt * aim.acceleration / 2.0))
-        share = -math.expm1(-POLE * dt)
+        fraction = -math.expm1(-POLE * dt)
         jerk = -(
-            beyond * (share / dt) ** 3
-            + ahead * share**2 * (3.0 - share) / dt**2
-            + faster * share * (18.0 - share * (9.0 - 2.0 * share)) / (6.0 * dt)
+            beyond * (fraction / dt) ** 3
+            + ahead * fraction**2 * (3.0 - fraction) / dt**2
+            + faster * fraction * (18.0 - fraction * (9.0 - 2.0 * fraction)) / (6.0 * dt)
         )
         # a joint that is already past a bound must only not move farther
         low, high = np.minimum(aim.low, position), np.maximum(aim.high, position)
@@ -225,7 +225,7 @@ class SetpointTracker:
                 motion = there
         self._take(motion, ending=True)
 
-    def _lands(self, target: Array, aim: Aim) -> bool:
+    def _lands(self, target: Array, aim: ServoTarget) -> bool:
         """Return whether it rests at a target, or has started the final motion to it."""
         if self._ending and float(np.abs(target - self.motion.end).max()) < ROUNDING:
             return True
@@ -250,8 +250,8 @@ class SetpointTracker:
             joint = _Joint(dt, most_a, most_j, speed)
             jerk, time = joint.step((p, v, a), wanted, lowest, highest)
             stop = joint.stop(v + time * (a + time * jerk / 2.0), a + time * jerk)
-            durations.append([time, *(each for each, _ in stop)])
-            used.append([jerk, *(each for _, each in stop)])
+            durations.append([time, *(item for item, _ in stop)])
+            used.append([jerk, *(item for _, item in stop)])
         return JointMotion(state, np.array(durations), np.array(used))
 
     def _take(self, motion: JointMotion, *, ending: bool) -> bool:
@@ -265,9 +265,10 @@ class SetpointTracker:
 def _towards(wanted: Array, state: State, dt: float) -> Array:
     """Return the jerks of a step that makes the velocities converge to `wanted`, shape (n,)."""
     _, velocity, acceleration = state
-    share = -math.expm1(-VELOCITY_POLE * dt)
+    fraction = -math.expm1(-VELOCITY_POLE * dt)
     jerk: Array = -(
-        (velocity - wanted) * (share / dt) ** 2 + acceleration * share * (4.0 - share) / (2.0 * dt)
+        (velocity - wanted) * (fraction / dt) ** 2
+        + acceleration * fraction * (4.0 - fraction) / (2.0 * dt)
     )
     return jerk
 
@@ -328,13 +329,13 @@ class _Joint:
             speeds.append(v - a * a / (2.0 * jerk))
         if max(speeds) > self.speed or min(speeds) < -self.speed:
             return False
-        for span, each in ((time, jerk), *self.stop(v1, a1)):
+        for span, item in ((time, jerk), *self.stop(v1, a1)):
             if span > 0.0:
                 before = p, v, a
-                p, v, a = _after(p, v, a, span, each)
+                p, v, a = _after(p, v, a, span, item)
                 if not low <= p <= high:
                     return False
-                if before[1] * v < 0.0 and not low <= _turn(*before, each) <= high:
+                if before[1] * v < 0.0 and not low <= _turn(*before, item) <= high:
                     return False
         return True
 

@@ -46,9 +46,9 @@ def smooth(
     if given.shape != (count,):
         raise ValueError(f'times have the shape {given.shape}: must be ({count},)')
     trajectory = Trajectory(limits.names, given, positions)
-    if found := list(problems(trajectory, limits, too_fast=False)):
-        more = len(found) - MAX_MENTIONED_PROBLEMS
-        text = '; '.join(found[:MAX_MENTIONED_PROBLEMS])
+    if result := list(problems(trajectory, limits, too_fast=False)):
+        more = len(result) - MAX_MENTIONED_PROBLEMS
+        text = '; '.join(result[:MAX_MENTIONED_PROBLEMS])
         raise ValueError(f'{text}; and {more} more' if more > 0 else text)
     return smoothed(
         trajectory,

@@ -8,10 +8,10 @@ from math import ceil
 
 import numpy as np
 
+from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE, fastest
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.passages import passed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
 from epson_driver.motion.smoother.banded import solve_pentadiagonal
 from epson_driver.motion.smoother.execution import Observer
@@ -32,7 +32,7 @@ MIN_GROWTH_RATIO = 1.2
 """Maximum number of increases of the weights, and the minimum ratio of each, squared."""
 
 
-def evened(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
+def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
     """Return a trajectory whose points are within a tolerance, rad or m, of the given ones.
 
     A recording has noise, and a motion through every noisy point is slower than the recording.
@@ -91,10 +91,10 @@ def _joint(
     weights[held] = HELD
     moved = given
     for _ in range(MAX_ROUNDS):
-        found = solve_pentadiagonal(main + weights, second, third, weights * given)
-        if found is None:
+        result = solve_pentadiagonal(main + weights, second, third, weights * given)
+        if result is None:
             break
-        moved = found
+        moved = result
         off = np.abs(moved - given) / within
         if off.max() <= 1.0:
             break
@@ -136,8 +136,8 @@ def smoothed(
     one that `fastest` finds, and may deviate from each point except the ends by `path_tolerance`
     rad (or m) in every joint. With `refine` False, or if `fastest` finds none, it is the fastest
     motion on the spline. The tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise
-    (`evened`). `catch_up` and `observer` are passed to `Smoother`. `look` is called with the time
-    of each sample, s, and may raise to end the work. Raises ValueError, with point, joint, value
+    (`denoised`). `catch_up` and `observer` are passed to `Smoother`. `look` is called with the
+    time of each sample, s, and may raise to end the work. Raises ValueError, with point, joint, value
     and limit, if a trajectory cannot be smoothed or its motion would break a limit, and
     RuntimeError if the planner raises.
     """
@@ -158,7 +158,7 @@ def smoothed(
                 'on the spline'
             )
         if timed:
-            trajectory = evened(trajectory, limits, path_tolerance)
+            trajectory = denoised(trajectory, limits, path_tolerance)
     if whole and (motion := _fastest(trajectory, limits, path_tolerance)) is not None:
         return _sampled(motion, limits, period)
     positions, times = trajectory.positions, trajectory.times
@@ -279,7 +279,7 @@ def thinned(
         if len(kept) > 1:
             kept.pop()
         kept.append(last)
-    found_times, found = [times[:1]], [positions[:1]]
+    found_times, result = [times[:1]], [positions[:1]]
     for before, index in pairwise(kept):
         parts = max(ceil((times[index] - times[before]) / (2.0 * spacing) - 1e-9), 1)
         ends = np.linspace(times[before], times[index], parts + 1).tolist()
@@ -288,22 +288,22 @@ def thinned(
         on_way = _at(np.array(between), motion.times, motion.positions)
         on_way[-1] = positions[index]
         found_times.append(np.array(between))
-        found.append(on_way)
+        result.append(on_way)
     times = np.concatenate(found_times)
     velocities = _at(times, motion.times, motion.velocities)
-    return Trajectory(limits.names, times, np.concatenate(found), velocities)
+    return Trajectory(limits.names, times, np.concatenate(result), velocities)
 
 
 def _ends_of_ways(
     motion: Trajectory, way: tuple[float, float], deviation: float
 ) -> Iterator[float]:
     """Yield the ends of straight segments from way[0] to way[1], s, each close to a motion."""
-    begin, end = way
-    inside = motion.positions[(motion.times > begin) & (motion.times < end)]
+    start, end = way
+    inside = motion.positions[(motion.times > start) & (motion.times < end)]
     first, last = _at(np.array(way), motion.times, motion.positions)
     if len(inside) > 1 and _off_line(inside, first, last) > deviation:
-        middle = (begin + end) / 2.0
-        yield from _ends_of_ways(motion, (begin, middle), deviation)
+        middle = (start + end) / 2.0
+        yield from _ends_of_ways(motion, (start, middle), deviation)
         yield from _ends_of_ways(motion, (middle, end), deviation)
     else:
         yield end
@@ -314,8 +314,10 @@ def _off_line(positions: Array, first: Array, last: Array) -> float:
     along = last - first
     square = float(along @ along)
     offsets = positions - first
-    share = np.clip(offsets @ along / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(offsets))
-    return float(np.abs(offsets - share[:, None] * along).max())
+    fraction = (
+        np.clip(offsets @ along / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(offsets))
+    )
+    return float(np.abs(offsets - fraction[:, None] * along).max())
 
 
 def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:

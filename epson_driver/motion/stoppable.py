@@ -82,9 +82,9 @@ class Executed:
 
     def _state(self, time: float) -> State:
         index = int(np.searchsorted(self._begins, time, side='right')) - 1
-        what, begin = self._pieces[index], self._begins[index]
+        what, start = self._pieces[index], self._begins[index]
         if isinstance(what, JointMotion):
-            return what.at(time - begin)
+            return what.at(time - start)
         if what is not None:
             u, v, a = what.timing.at(time - what.begin)
             position, first, second = what.path.at(u)

@@ -149,9 +149,9 @@ def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
 def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int]]:
     """Yield point and joint of each true element of a mask, shape (some, n), of `count` points."""
     for first in range(0, count, BLOCK_POINTS):
-        found = mask(slice(first, min(first + BLOCK_POINTS, count)))
-        if found.any():
-            for point, joint in np.argwhere(found):
+        result = mask(slice(first, min(first + BLOCK_POINTS, count)))
+        if result.any():
+            for point, joint in np.argwhere(result):
                 yield first + int(point), int(joint)
 
 

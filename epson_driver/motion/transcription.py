@@ -97,13 +97,13 @@ class _Nodes:
             node = step @ node
             node[:, 3 + k] += (t**3 / 6.0, t * t / 2.0, t)
             nodes.append(node)
-        rows = [(each[2], 2) for each in nodes[1:-1]]
-        rows += [(each[1] + t / 2.0 * each[2], 1) for each in nodes[:-1]]
+        rows = [(item[2], 2) for item in nodes[1:-1]]
+        rows += [(item[1] + t / 2.0 * item[2], 1) for item in nodes[:-1]]
         self.positions = slice(STEPS + len(rows), STEPS + len(rows) + STEPS)
-        rows += [(each[0], 0) for each in nodes[1:]]
+        rows += [(item[0], 0) for item in nodes[1:]]
         if bounded:
-            rows += [(each[0] + t / 3.0 * each[1], 0) for each in nodes[:-1]]
-            rows += [(each[0] - t / 3.0 * each[1], 0) for each in nodes[1:]]
+            rows += [(item[0] + t / 3.0 * item[1], 0) for item in nodes[:-1]]
+            rows += [(item[0] - t / 3.0 * item[1], 0) for item in nodes[1:]]
         self.count = len(rows)
         rows += [(nodes[-1][order], order) for order in range(3)]
         order = np.array([order for _, order in rows])[:, None]
@@ -207,9 +207,9 @@ class Search:
         nodes, h = self._nodes, self._h[:, None, None]
         self._by_state = nodes.by_state * h**nodes.state_exponents
         self._by_jerk = nodes.by_jerk * h**nodes.jerk_exponents
-        begin, jerks = self._x[:-1], self._jerks
-        self._states = begin @ _turned(self._by_state) + jerks @ _turned(self._by_jerk)
-        self._by_h = begin @ _turned(self._by_state * (nodes.state_exponents / h))
+        start, jerks = self._x[:-1], self._jerks
+        self._states = start @ _turned(self._by_state) + jerks @ _turned(self._by_jerk)
+        self._by_h = start @ _turned(self._by_state * (nodes.state_exponents / h))
         self._by_h += jerks @ _turned(self._by_jerk * (nodes.jerk_exponents / h))
         self._missing = self._states[:, :, nodes.count :] - self._x[1:]
 

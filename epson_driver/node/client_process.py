@@ -82,7 +82,7 @@ class Failures:
     def tell(self, what: str, error: BaseException) -> None:
         """Log a failure, once, and end the process."""
         self.happened.set()
-        if not any(error is told for told in self._told):
+        if not any(error is report for report in self._told):
             self._told.append(error)
             _log.critical('%s: stopping all arms and the driver', what, exc_info=error)
 

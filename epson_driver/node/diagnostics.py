@@ -62,8 +62,8 @@ class Diagnostics:
                     break
 
     def _cause(self) -> Cause | None:
-        found = self._driver.why_not(Purpose.REPORT, _now())
-        return None if found is None else found.cause
+        result = self._driver.why_not(Purpose.REPORT, _now())
+        return None if result is None else result.cause
 
     def build(self, stamp: Time, now: float) -> DiagnosticArray:
         """Return the message. `now` is the loop's time, s."""
@@ -123,15 +123,15 @@ class Diagnostics:
             yield 'reply latency p99 [ms]', _milliseconds(latencies, 0.99)
 
     def _arm(self, now: float) -> DiagnosticStatus:
-        found = self._driver.why_not(Purpose.REPORT, now)
+        result = self._driver.why_not(Purpose.REPORT, now)
         values: dict[str, object] = {'cause': 'NONE', 'remedy': 'NONE', 'advice': ''}
         level, text = DiagnosticStatus.OK, 'enabled'
-        if found is not None:
-            level, text = LEVELS.get(found.cause, DiagnosticStatus.WARN), found.text
+        if result is not None:
+            level, text = LEVELS.get(result.cause, DiagnosticStatus.WARN), result.text
             values = {
-                'cause': found.cause.name,
-                'remedy': found.remedy.name,
-                'advice': found.advice,
+                'cause': result.cause.name,
+                'remedy': result.remedy.name,
+                'advice': result.advice,
             }
         robot = self._driver.robot
         number = NO_ERROR if robot.status is None else robot.status.error_code
@@ -197,7 +197,7 @@ class Diagnostics:
         intervals = [later - sooner for sooner, later in pairwise(arrivals[max(first - 1, 0) :])]
         if len(intervals) > 1:
             mean = sum(intervals) / len(intervals)
-            variance = sum((each - mean) ** 2 for each in intervals) / len(intervals)
+            variance = sum((interval - mean) ** 2 for interval in intervals) / len(intervals)
             yield 'joint state jitter [ms]', f'{math.sqrt(variance) * 1e3:.2f}'
             yield 'joint state longest gap [ms]', f'{max(intervals) * 1e3:.2f}'
 

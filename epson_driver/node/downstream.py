@@ -98,13 +98,13 @@ class Downstream:
         def give(future: Any) -> None:
             self._loop.call_soon_threadsafe(_settle, done, future)
 
-        def begin() -> None:
+        def start() -> None:
             try:
                 request().add_done_callback(give)
             except Exception as error:  # noqa: BLE001 - it is raised in the caller
                 self._loop.call_soon_threadsafe(_fail, done, error)
 
-        self._node.executor.create_task(begin)
+        self._node.executor.create_task(start)
         return await done
 
     def _cancel_late(self, answer: 'asyncio.Task[Any]') -> None:

@@ -59,7 +59,7 @@ class PointStreams:
         self._last = float('-inf')
         self._count = 0
 
-    def noticed(self, points: int, duration: float, now: float) -> str | None:
+    def record_and_check(self, points: int, duration: float, now: float) -> str | None:
         """Record a trajectory of `points` points that takes `duration` s.
 
         Returns the warning once for each stream, otherwise None.
@@ -173,7 +173,9 @@ class GoalServer:
             self._bridge.to_loop(self._begin_stop)
             return
         duration = duration_in_s(message.points[-1].time_from_start)
-        if what := self._point_streams.noticed(len(message.points), duration, self._loop.time()):
+        if what := self._point_streams.record_and_check(
+            len(message.points), duration, self._loop.time()
+        ):
             self._logger.warning(what)
         goal = self.requests.checked_goal(FollowJointTrajectory.Goal(trajectory=message))
         handle = GoalHandle(goal, self._log_outcome, partial(self._on_feedback, None))

@@ -84,7 +84,7 @@ class JointReader:
         `limits`: maximum velocities, /s. Raises GoalRejectedError with the name of a joint that is
         missing, older, or jumps.
         """
-        found = []
+        result = []
         for name, limit in zip(names, limits, strict=True):
             joint = self._joints.get(name)
             if joint is None or now - joint.received > oldest:
@@ -95,8 +95,8 @@ class JointReader:
                     f'{name} jumps on {self.topic}, at {speed:.3g} /s where its limit is '
                     f'{limit:.3g} /s: two publishers disagree. Stop all except the driver'
                 )
-            found.append((joint.position, joint.velocity))
-        positions, velocities = np.array(found, dtype=float).reshape(-1, 2).T
+            result.append((joint.position, joint.velocity))
+        positions, velocities = np.array(result, dtype=float).reshape(-1, 2).T
         return positions, velocities
 
 

@@ -151,10 +151,10 @@ class LoopBridge:
         async def run() -> T:
             return await work()
 
-        def begin() -> None:
+        def start() -> None:
             self._loop.create_task(run()).add_done_callback(finish)
 
-        self.hand_over(begin)
+        self.hand_over(start)
         (value,) = await self.wait_for(done)
         answer: T = value
         return answer

@@ -70,8 +70,8 @@ def primitives_from_message(
     if not 0 < count <= MAX_PRIMITIVES:
         raise _invalid(f'trajectory has {count} motions: must have 1 to {MAX_PRIMITIVES}')
     return [
-        _named(f'motions[{index}]', partial(_primitive, each, limits, frame))
-        for index, each in enumerate(message.motions)
+        _named(f'motions[{index}]', partial(_primitive, item, limits, frame))
+        for index, item in enumerate(message.motions)
     ]
 
 
@@ -93,7 +93,7 @@ def _primitive(message: MotionPrimitive, limits: JointLimits, frame: str) -> Pri
     try:
         kind = Kind(message.type)
     except ValueError:
-        known = ', '.join(f'{each.name} ({each.value})' for each in Kind)
+        known = ', '.join(f'{item.name} ({item.value})' for item in Kind)
         raise InputError(f'type = {message.type}: must be one of {known}') from None
     if len(message.poses) != POSES[kind]:
         raise InputError(
@@ -124,7 +124,7 @@ def _primitive(message: MotionPrimitive, limits: JointLimits, frame: str) -> Pri
 
 
 def _arguments(messages: Sequence[MotionArgument]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for message in messages:
         name = message.argument_name
         if name not in ARGUMENTS:
@@ -132,10 +132,10 @@ def _arguments(messages: Sequence[MotionArgument]) -> dict[str, float]:
             raise InputError(
                 f'additional_arguments: unknown name {shown(name)}, must be one of {known}'
             )
-        if name in found:
+        if name in result:
             raise InputError(f'additional_arguments has {name} twice')
-        found[name] = ARGUMENTS[name].checked(message.argument_value, name)
-    return found
+        result[name] = ARGUMENTS[name].checked(message.argument_value, name)
+    return result
 
 
 def _joints(values: Sequence[float], limits: JointLimits) -> Array:
@@ -331,7 +331,7 @@ def sequence_statement(
     """
     texts, trajectory = [], planned.trajectory
     ends = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)
-    begin = 0
+    start = 0
     for index, (primitive, end) in enumerate(zip(primitives, ends.tolist(), strict=True)):
         for field, value in (
             ('blend_radius', primitive.blend_radius),
@@ -339,7 +339,7 @@ def sequence_statement(
         ):
             if value:
                 raise _invalid(f'motions[{index}]: {field} = {value:g}: {RESTS}')
-        positions = trajectory.positions[begin : end + 1]
+        positions = trajectory.positions[start : end + 1]
         if primitive.kind is Kind.LINEAR_JOINT:
             limits = arm.model.limits
             speed = _share(primitive.velocity, limits.velocity)
@@ -351,7 +351,7 @@ def sequence_statement(
                 primitive.velocity or usual.speed, primitive.acceleration or usual.acceleration
             )
             texts.append(statements.path(arm, tool, positions, speeds, primitive.via))
-        begin = end
+        start = end
     text = '; '.join(texts)
     if len(text) > MOST_CHARACTERS:
         raise _invalid(f'{len(primitives)} motions: too long for one $Execute, send fewer')

@@ -112,7 +112,7 @@ class Namesakes:
     def __call__(self) -> str:
         """Return their name and processes as a clause, or '' if none exist."""
         node = self._node
-        name = next((each for each in self._names if node.handle.get_count_services(each) > 1), '')
+        name = next((item for item in self._names if node.handle.get_count_services(item) > 1), '')
         own = (node.get_name(), node.get_namespace())
         if not name and node.get_node_names_and_namespaces().count(own) < 2:
             return ''
@@ -120,10 +120,10 @@ class Namesakes:
 
     def _processes(self, service: str) -> str:
         """Return the processes of the other nodes, as identified by Fast DDS GUIDs."""
-        found: list[Any] = self._node.get_subscriptions_info_by_topic(
+        result: list[Any] = self._node.get_subscriptions_info_by_topic(
             f'rq{service}Request', no_mangle=True
         )
-        guids = {bytes(each.endpoint_gid[:12]) for each in found}
+        guids = {bytes(item.endpoint_gid[:12]) for item in result}
         known = sorted(guid for guid in guids if guid.startswith(FAST_DDS))
         own = next((guid for guid in known if _process(guid) == os.getpid() % 2**16), b'')
         return ''.join(

@@ -175,13 +175,13 @@ class PointsInterface:
         plan = PlanningScope()
         start = await self._primitives.standing(plan)
         arm, statements = self._primitives.kinematics, self._driver.statements
-        found = arm.inverse(arm.from_base(point.pose), start)
-        if not len(found):
+        result = arm.inverse(arm.from_base(point.pose), start)
+        if not len(result):
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'point {name}: out of reach, no joint positions reach it',
             )
-        trajectory, written = self._setup.joint_move(start, found[0], speed, ACCELERATION)
+        trajectory, written = self._setup.joint_move(start, result[0], speed, ACCELERATION)
         goal = self._setup.goal(trajectory, None if statements is None else written(statements))
         ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
 

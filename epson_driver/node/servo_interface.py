@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from epson_driver.driver.servo.setpoint import Arrivals, Setpoint, Window, came_at
+from epson_driver.driver.servo.setpoint import ArrivalMonitor, Setpoint, Window, came_at
 from epson_driver.motion import Array
 from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.trajectory_messages import duration_in_s
@@ -117,10 +117,10 @@ def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Win
         raise SetpointError('time_from_start does not increase from point to point')
     given = message.joint_names
     positions = [_values('positions', point.positions, given, names) for point in points]
-    if any(each is None for each in positions):
+    if any(position is None for position in positions):
         raise SetpointError('some of its points have no positions')
     velocities = [_values('velocities', point.velocities, given, names) for point in points]
-    known = all(each is not None for each in velocities)
+    known = all(velocity is not None for velocity in velocities)
     return Window(np.array(times), np.array(positions), np.array(velocities) if known else None)
 
 
@@ -204,7 +204,7 @@ class ServoInterface:
     def _callback(
         self, topic: str, read: Callable[..., Setpoint]
     ) -> Callable[[Any, dict[str, Any]], None]:
-        arrivals = Arrivals(time.monotonic())
+        arrivals = ArrivalMonitor(time.monotonic())
 
         def callback(message: Any, info: dict[str, Any]) -> None:
             came = came_at(info.get('received_timestamp'))

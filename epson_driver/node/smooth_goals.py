@@ -198,7 +198,7 @@ class PassedGoal:
 
 
 @dataclass(eq=False)
-class Driven:
+class SentMotion:
     """A goal's motion as sent. begin: its start according to feedback, ns.
 
     stamp: of the last feedback, ns on the clock of the driver behind; `came`: its arrival, s on
@@ -224,15 +224,15 @@ class Driven:
 
     def see(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
         """Process feedback. stamp: ns on the driver's clock. passed: ns since the start."""
-        limits, begin = self.goal.limits, stamp - passed
+        limits, start = self.goal.limits, stamp - passed
         if {*names} != {*limits.names} or len(names) != len(desired):
             return
         time = min(max(passed / NS_PER_S, 0.0), self.points.duration)
         commanded = desired[[names.index(name) for name in limits.names]]
         off = np.abs(commanded - self.spline.at(time)[0])
-        same = abs(begin - self.begin) <= OFF_S * NS_PER_S
+        same = abs(start - self.begin) <= OFF_S * NS_PER_S
         self.follows = bool(same and np.all(off <= OFF_S * limits.velocity + OFF))
-        self.begin, self.stamp, self.came = begin, stamp, asyncio.get_running_loop().time()
+        self.begin, self.stamp, self.came = start, stamp, asyncio.get_running_loop().time()
         self.feedbacks += 1
         if self.feedbacks >= FEEDBACKS:
             self.known.set()
@@ -351,14 +351,14 @@ class SmoothGoals:
             trajectory = untimed(trajectory, limits)
         positions = limits.settled(trajectory.positions)
         trajectory = Trajectory(names, trajectory.times, positions)
-        if found := list(problems(trajectory, limits, too_fast=False)):
-            raise _rejected(listed(found))
+        if result := list(problems(trajectory, limits, too_fast=False)):
+            raise _rejected(listed(result))
         stamp, clock = request.trajectory.header.stamp, self._node.get_clock()
         start = start_time(stamp, trajectory.duration, clock, self._loop.time)
         on_feedback = ros_handle.publish_feedback
         return partial(PassedGoal, request, trajectory, limits, start, on_feedback, scope=scope)
 
-    def _on_feedback(self, driven: Driven, feedback: FollowJointTrajectory.Feedback) -> None:
+    def _on_feedback(self, driven: SentMotion, feedback: FollowJointTrajectory.Feedback) -> None:
         try:
             driven.goal.on_feedback(feedback)
             self._bridge.to_loop(
@@ -425,7 +425,7 @@ class SmoothGoals:
         moved = np.abs(self._arm.of(goal.limits, age)[0] - start).max()
         if moved > tolerance:
             raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
-        driven = Driven(goal, motion, points)
+        driven = SentMotion(goal, motion, points)
         request = _request(goal.request, _goal_time(goal, motion.motion.duration))
         late = late_start(goal.start, self._loop.time())
         sent = await self._send(driven, driven.points, request)
@@ -457,15 +457,15 @@ class SmoothGoals:
         return motion, motion.points(self._parameters['period'])
 
     async def _send(
-        self, driven: Driven, points: Trajectory, request: FollowJointTrajectory.Goal
+        self, driven: SentMotion, points: Trajectory, request: FollowJointTrajectory.Goal
     ) -> Sent:
         """Send points to the driver behind. Raises GoalRejectedError."""
         request.trajectory.joint_names = list(points.joint_names)
         request.trajectory.points = trajectory_message(points).points
-        patience = self._parameters['reply_timeout']
-        return await self._behind.send(request, partial(self._on_feedback, driven), patience)
+        timeout = self._parameters['reply_timeout']
+        return await self._behind.send(request, partial(self._on_feedback, driven), timeout)
 
-    async def _watched(self, driven: Driven, sent: Sent, goal_time: float) -> Outcome:
+    async def _watched(self, driven: SentMotion, sent: Sent, goal_time: float) -> Outcome:
         """Wait for the end of the sent goal, or stop the arm, and return the outcome."""
         goal = driven.goal
         left = self._loop.create_task(goal.left.wait())
@@ -484,22 +484,22 @@ class SmoothGoals:
             for task in (left, lost, sent.result):
                 task.cancel()
 
-    async def _lost(self, driven: Driven, goal_time: float) -> str:
+    async def _lost(self, driven: SentMotion, goal_time: float) -> str:
         """Return why the driver behind has become unreliable, once it has."""
         values = self._parameters
-        patience = driven.points.duration + goal_time + values['reply_timeout']
-        latest = self._loop.time() + patience
+        timeout = driven.points.duration + goal_time + values['reply_timeout']
+        latest = self._loop.time() + timeout
         while self._behind.there:
             try:
                 self._arm.of(driven.goal.limits, values['state_timeout'])
             except GoalRejectedError as error:
                 return str(error)
             if goal_time > 0.0 and self._loop.time() > latest:
-                return f'{self._behind.name} gave no result within {patience:.3g} s'
+                return f'{self._behind.name} gave no result within {timeout:.3g} s'
             await asyncio.sleep(WATCH_PERIOD_S)
         return f'{self._behind.name} has no server any more'
 
-    async def _stopped(self, driven: Driven, sent: Sent) -> str:
+    async def _stopped(self, driven: SentMotion, sent: Sent) -> str:
         """Stop the arm and return a clause about the stop and its observed result."""
         how = await self._braked(driven, sent)
         if how is None:
@@ -511,7 +511,7 @@ class SmoothGoals:
             self._logger.warning(f'the stop of a goal was not smooth: {how}')
         return f'{how}, {await self._not_standing(driven.goal) or "the arm is at rest"}'
 
-    async def _braked(self, driven: Driven, sent: Sent) -> str | None:
+    async def _braked(self, driven: SentMotion, sent: Sent) -> str | None:
         """Brake within the limits and return the result, or None if impossible or not accepted."""
         if not self._brakes:
             return None
@@ -526,8 +526,8 @@ class SmoothGoals:
             done, _ = await asyncio.wait({sent.result}, timeout=patience)
             return 'it had ended' if done else None
         try:
-            begin = passed - 2.0 * values['period']
-            rest = driven.motion.stopped(at, values['period'], begin)
+            start = passed - 2.0 * values['period']
+            rest = driven.motion.stopped(at, values['period'], start)
         except ValueError as error:
             self._logger.error(f'no smooth stop: {error}')
             return None

@@ -53,7 +53,7 @@ class StaticFrames:
 
     def taken(self, name: str, owner: str) -> bool:
         """Return whether another owner has, or may get, a frame of that name."""
-        others = (names for each, names in self._transforms.items() if each != owner)
+        others = (names for item, names in self._transforms.items() if item != owner)
         return (name == self._tool and owner != 'tool') or any(name in names for names in others)
 
     def publish(self, owner: str, parent: str, frames: Mapping[str, Array]) -> None:
@@ -65,7 +65,7 @@ class StaticFrames:
             message.header.frame_id = self.prefix + parent
             message.header.stamp = stamp
             set_values(message.transform, values, ('translation', 'rotation'))
-        if together := [each for names in self._transforms.values() for each in names.values()]:
+        if together := [item for names in self._transforms.values() for item in names.values()]:
             self._publisher.publish(TFMessage(transforms=together))
 
 

@@ -82,7 +82,7 @@ class Access:
         origin = headers.get('origin')
         if origin is None and is_upgrade(headers):
             return Rejection(FORBIDDEN, 'a websocket without an Origin is rejected')
-        if origin is not None and origin.lower() not in {f'http://{each}' for each in own}:
+        if origin is not None and origin.lower() not in {f'http://{item}' for item in own}:
             return Rejection(FORBIDDEN, f'{shown(origin)} is not the page of this panel')
         if self.token is not None and not self._has_token(path, headers):
             return Rejection(FORBIDDEN, 'a token is needed: open the address printed by the panel')
@@ -119,7 +119,7 @@ class Access:
             given.append(cookies[self.cookie].value)
         wanted = str(self.token).encode()
         return any(
-            each is not None and hmac.compare_digest(each.encode(), wanted) for each in given
+            item is not None and hmac.compare_digest(item.encode(), wanted) for item in given
         )
 
 

@@ -63,10 +63,10 @@ class DriverPoints:
         self._asking = None
         if answer is None:
             return
-        found = {}
+        match = {}
         for name, pose in zip(answer.names[:MOST], answer.poses, strict=False):
             at, turn = pose.position, pose.orientation
             values = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w])
             if np.isfinite(values).all() and abs(np.linalg.norm(values[3:]) - 1.0) < 1e-3:
-                found[name] = values
-        self._state.taught = found
+                match[name] = values
+        self._state.taught = match

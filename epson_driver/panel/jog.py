@@ -78,14 +78,14 @@ class Jog:
         """
         limits = self.model.limits
         if (index := self._joint(axis)) is not None:
-            found = np.zeros(len(joints))
-            found[index] = share * JOINT_SHARE * limits.velocity[index]
+            result = np.zeros(len(joints))
+            result[index] = share * JOINT_SHARE * limits.velocity[index]
         else:
-            found = share * self._joint_velocities(joints, self._twist(joints, axis, frame))
+            result = share * self._joint_velocities(joints, self._twist(joints, axis, frame))
             allowed = JOINT_SHARE * limits.velocity
-            found /= max(1.0, float(np.max(np.abs(found) / allowed)))  # the direction stays
-        self._check_ends(joints, found)
-        return found
+            result /= max(1.0, float(np.max(np.abs(result) / allowed)))  # the direction stays
+        self._check_ends(joints, result)
+        return result
 
     def step(self, joints: Array, axis: str, frame: str, size: float, share: float) -> Trajectory:
         """Return the trajectory of one step of a joint or of the tool, straight in its space.
@@ -115,12 +115,12 @@ class Jog:
         pose[:3, :3] = rotation_of_uvw(np.radians(point[3:]))
         pose[:3, 3] = point[:3] / 1e3
         try:
-            found = self.kinematics.inverse(self.kinematics.from_base(pose), near)
+            result = self.kinematics.inverse(self.kinematics.from_base(pose), near)
         except KinematicsError as error:
             raise RequestError(f'its joints cannot be computed: {error}') from error
-        if not len(found):
+        if not len(result):
             raise RequestError('out of reach')
-        return np.asarray(found[0])
+        return np.asarray(result[0])
 
     def way(self, path: Array, share: float) -> Trajectory:
         """Return a slow trajectory along a joint path, shape (k, n), at rest at both ends."""
@@ -176,25 +176,25 @@ class Jog:
 
     def _joint_velocities(self, joints: Array, twist: Array) -> Array:
         jacobian = self.kinematics.jacobian(joints)
-        found = np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
-        if np.linalg.norm(jacobian @ found - twist) > NOT_REACHED * np.linalg.norm(twist):
+        result = np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
+        if np.linalg.norm(jacobian @ result - twist) > NOT_REACHED * np.linalg.norm(twist):
             raise RequestError(
                 'the tool cannot move in this direction from here: move a joint first'
             )
-        return np.asarray(found)
+        return np.asarray(result)
 
     def _line(self, joints: Array, way: Array) -> Array:
         """Return joints along a straight tool path, shape (k, n), from the current joints."""
         start = self.kinematics.forward(joints)
         angle = float(np.linalg.norm(way[3:]))
-        found = [joints]
-        for share in np.linspace(0.0, 1.0, 17)[1:]:
+        result = [joints]
+        for fraction in np.linspace(0.0, 1.0, 17)[1:]:
             pose = start.copy()
-            pose[:3, 3] += share * way[:3]
+            pose[:3, 3] += fraction * way[:3]
             if angle:
-                pose[:3, :3] = rotation_about(way[3:] / angle, share * angle) @ start[:3, :3]
-            found.append(self._joints_at(pose, found[-1]))
-        return np.array(found)
+                pose[:3, :3] = rotation_about(way[3:] / angle, fraction * angle) @ start[:3, :3]
+            result.append(self._joints_at(pose, result[-1]))
+        return np.array(result)
 
     def _joints_at(self, pose: Array, near: Array) -> Array:
         """Return the joints near `near` that bring the tool to a pose."""

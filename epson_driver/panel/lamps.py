@@ -53,10 +53,10 @@ def lamps(state: RobotState, now: float) -> list[Lamp]:
     """Return all lamps. Outdated values are UNKNOWN."""
     status_known = state.fresh('status', now)
     driver_known = state.fresh('diagnostics', now)
-    found = [_link(state, now), *_of_status(state)]
+    result = [_link(state, now), *_of_status(state)]
     shown = [
         lamp if status_known or lamp.name == 'Link' else lamp._replace(text='?', colour=UNKNOWN)
-        for lamp in found
+        for lamp in result
     ]
     shown.insert(3, _door(state, now))
     gate = Lamp('Arm gate', '?', UNKNOWN)
@@ -106,22 +106,22 @@ def advice(state: RobotState, now: float) -> Advice:
     if not state.fresh('diagnostics', now):
         remedy = 'STOP may not reach it: use the E-stop. Start it, or check whether it is running'
         return Advice('the driver does not report', remedy, UNKNOWN)
-    found = state.inhibit
+    result = state.inhibit
     condition = _condition(state, now)
-    if found is None or found.cause in CALM:
+    if result is None or result.cause in CALM:
         if not state.fresh('joints', now) or not state.fresh('status', now):
             remedy = WORDS[Remedy.CHECK_STATE_SERVER]
             return Advice(state.no_joints or 'the controller is silent', remedy, BAD)
         simulated = _ended(condition) or _held(condition)
-    elif found.remedy is Remedy.CONNECT:
+    elif result.remedy is Remedy.CONNECT:
         simulated = _ended(condition)
     else:
         simulated = None
     if simulated is not None:
         return simulated
-    if found is not None:
-        colour = WARN if found.cause in CALM else BAD
-        return Advice(found.text, with_remedy(found.advice, found.remedy, WORDS), colour)
+    if result is not None:
+        colour = WARN if result.cause in CALM else BAD
+        return Advice(result.text, with_remedy(result.advice, result.remedy, WORDS), colour)
     doing = 'executing a goal' if state.goal_running else 'ready for a goal'
     return Advice(doing, '', GOOD)
 

@@ -202,11 +202,11 @@ class Panel:
     def _show(self, windows: list[Window], new: set[int], now: float, texts: bool) -> None:
         views = list(self._views.values())
         alarms = [
-            (f'{each.label}: ' * (len(views) > 1), each.control.stop_alarm) for each in views
+            (f'{item.label}: ' * (len(views) > 1), item.control.stop_alarm) for item in views
         ]
         all_of_it = {'alarms': text_of([name + alarm for name, alarm in alarms if alarm])}
         if texts or new:
-            all_of_it['robots'] = text_of([each.summary(now) for each in views])
+            all_of_it['robots'] = text_of([item.summary(now) for item in views])
             all_of_it['pendant'] = PENDANT_PART
         all_of_it['beat'] = text_of(self._beat)
         shown: dict[str, dict[str, str]] = {}

@@ -28,12 +28,12 @@ Message = Mapping[str, Any]
 def message_of(text: str | bytes) -> dict[str, Any]:
     """Return a window's message. Raises BadMessageError if no page could have sent it."""
     try:
-        found = json.loads(text)
+        result = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise BadMessageError('not JSON') from error
-    if not isinstance(found, dict) or not isinstance(found.get('do'), str):
+    if not isinstance(result, dict) or not isinstance(result.get('do'), str):
         raise BadMessageError('not a request')
-    return found
+    return result
 
 
 def text(message: Message, key: str) -> str:
@@ -113,25 +113,25 @@ def _hand(message: Message) -> tuple[str, str]:
 
 
 def _jog(control: RobotControl, browser: int, message: Message) -> None:
-    share = number(message, 'share', -1.0, 1.0)
-    if share:
-        control.jog(browser, *_hand(message), share)
+    fraction = number(message, 'share', -1.0, 1.0)
+    if fraction:
+        control.jog(browser, *_hand(message), fraction)
     else:
         control.jog_end()
 
 
 def _step(control: RobotControl, browser: int, message: Message) -> None:
-    size, share = number(message, 'size', -10.0, 10.0), number(message, 'share', 0.01, 1.0)
-    control.step(browser, *_hand(message), size, share)
+    size, fraction = number(message, 'size', -10.0, 10.0), number(message, 'share', 0.01, 1.0)
+    control.step(browser, *_hand(message), size, fraction)
 
 
 def _switch(control: RobotControl, browser: int, message: Message, kind: int) -> None:
     index, state = int(number(message, 'index', 0, 1e6)), control.robot.state
     if state.io_reason:
         raise RequestError(f'I/O is unknown: {state.io_reason}')
-    for each in state.io:
-        if each.type == kind and 0 <= index - each.start < len(each.values):
-            value = 0 if each.values[index - each.start] else 1
+    for item in state.io:
+        if item.type == kind and 0 <= index - item.start < len(item.values):
+            value = 0 if item.values[index - item.start] else 1
             if kind == OUTPUT:
                 control.write_output(browser, index, value)
             else:

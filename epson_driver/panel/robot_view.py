@@ -75,8 +75,8 @@ class History:
         return (positions - samples[0][1]) / passed
 
     def _shown(self, values: Array) -> list[float]:
-        found: list[float] = np.round(values * self._per_unit, 4).tolist()
-        return found
+        result: list[float] = np.round(values * self._per_unit, 4).tolist()
+        return result
 
 
 REFERENCE_LASTS_S = 0.5
@@ -147,22 +147,22 @@ class RobotView:
 
     def summary(self, now: float) -> dict[str, Any]:
         """Return the robot's entry in every window's list: its name, and why it cannot move."""
-        found = advice(self._state, now)
+        result = advice(self._state, now)
         return {
             'name': self.control.robot.name,
             'label': self.label,
-            'reason': found.reason,
-            'colour': found.colour,
+            'reason': result.reason,
+            'colour': result.colour,
         }
 
     def parts(self, now: float) -> dict[str, str]:
         """Return the rarely changing parts, as texts, by name."""
         state = self._state
-        found = advice(state, now)
+        result = advice(state, now)
         return self._model_parts | {
             'plan': self._plan_part,
             'lamps': text_of(lamps(state, now)),
-            'advice': text_of(found._asdict()),
+            'advice': text_of(result._asdict()),
             'ages': text_of([[name, _rounded(state.age(key, now))] for name, key in AGES]),
             'log': text_of([[e.at, e.level, e.text] for e in list(state.events)[-SHOWN_EVENTS:]]),
             'io': text_of(self._io()),
@@ -183,8 +183,8 @@ class RobotView:
                 'simulated': self.control.simulated,
                 'trajectories': [
                     name
-                    for name, each in self._trajectories.items()
-                    if joints in (0, len(each.joint_names))
+                    for name, item in self._trajectories.items()
+                    if joints in (0, len(item.joint_names))
                 ],
                 'axes': [] if self.control.hand is None else self.control.hand.axes,
             }
@@ -258,12 +258,12 @@ class RobotView:
         """Return the driver's points as X, Y, Z, mm, and U, V, W, degrees, in EPSON's world."""
         if self.control.hand is None:
             return {}
-        arm, found = self.control.hand.kinematics, {}
+        arm, result = self.control.hand.kinematics, {}
         for name, values in self._state.taught.items():
             pose = arm.in_base(pose_of_quaternion(name, values))
             place = [*(1e3 * pose[:3, 3]), *np.degrees(uvw(pose[:3, :3]))]
-            found[name] = np.round(place, 3).tolist()
-        return found
+            result[name] = np.round(place, 3).tolist()
+        return result
 
     def _io(self) -> Any:
         state = self._state
@@ -271,14 +271,14 @@ class RobotView:
             return state.io_reason
         return [
             {
-                'type': each.type,
-                'name': IO_NAMES[each.type],
-                'start': each.start,
-                'values': each.values[:MAX_POINTS],
-                'analog': each.type in ANALOG,
+                'type': item.type,
+                'name': IO_NAMES[item.type],
+                'start': item.start,
+                'values': item.values[:MAX_POINTS],
+                'analog': item.type in ANALOG,
             }
-            for each in state.io
-            if each.type in IO_NAMES and each.values
+            for item in state.io
+            if item.type in IO_NAMES and item.values
         ]
 
 

@@ -132,7 +132,7 @@ class RosDiscovery:
         """
         if not self._find:
             return []
-        silent = [name for name, each in self.robots.items() if now - each.last_heard(now) > after]
+        silent = [name for name, item in self.robots.items() if now - item.last_heard(now) > after]
         for name in silent:
             self.robots.pop(name).close()
         return silent

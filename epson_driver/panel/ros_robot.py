@@ -124,7 +124,9 @@ class RosRobot:
         self.parameters: dict[str, Any] = {}
         """Values of PARAMETERS, once received. They are requested periodically, because another
         driver may have taken this name."""
-        self._triggers = {each: node.create_client(Trigger, f'{name}/{each}') for each in TRIGGERS}
+        self._triggers = {
+            trigger: node.create_client(Trigger, f'{name}/{trigger}') for trigger in TRIGGERS
+        }
         self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
         self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
@@ -156,8 +158,8 @@ class RosRobot:
         """Return when the driver was last present or last reported, by the panel's clock, s."""
         if self._found is None or self._get_parameters.service_is_ready():
             self._found = now
-        news = (self.state.times.get(each) for each in ('diagnostics', 'joints', 'status'))
-        return max([self._found, *(each for each in news if each is not None)])
+        news = (self.state.times.get(item) for item in ('diagnostics', 'joints', 'status'))
+        return max([self._found, *(new for new in news if new is not None)])
 
     def close(self) -> None:
         """Release a driver that is gone."""
@@ -214,7 +216,7 @@ class RosRobot:
 
     def on_diagnostics(self, status: DiagnosticStatus, now: float) -> None:
         """Update from the status `NAME: arm` of /diagnostics."""
-        values = {each.key: each.value for each in status.values}
+        values = {item.key: item.value for item in status.values}
         state = self.state
         state.gate_open = values.get('arm gate') == 'open'
         state.goal_running = values.get('goal running') == 'True'
@@ -234,13 +236,13 @@ class RosRobot:
             return
         if len(answer.values) != len(PARAMETERS):
             return
-        found = {}
+        match = {}
         for name, value in zip(PARAMETERS, answer.values, strict=True):
             kinds = {2: 'integer_value', 4: 'string_value', 9: 'string_array_value'}
             if value.type not in kinds:
                 return
-            found[name] = getattr(value, kinds[value.type])
-        self.parameters = found
+            match[name] = getattr(value, kinds[value.type])
+        self.parameters = match
         self.state.times['parameters'] = asked
 
     def _on_status(self, message: Any, now: float) -> None:
@@ -289,7 +291,7 @@ class RosRobot:
 
     def _on_io(self, message: Any, _now: float) -> None:
         self.state.io = tuple(
-            IoRange(each.type, each.start, tuple(each.values)) for each in message.ranges
+            IoRange(item.type, item.start, tuple(item.values)) for item in message.ranges
         )
         self.state.io_reason = '' if message.valid else message.message
 

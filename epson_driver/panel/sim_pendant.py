@@ -105,7 +105,7 @@ class SimPendant:
         )
         faults = await _in_time(ask('Sim,fault,list'))
         self.latest = (
-            Simulation(condition, tuple(each for each in faults.split(';') if each)),
+            Simulation(condition, tuple(item for item in faults.split(';') if item)),
             self._clock(),
         )
 

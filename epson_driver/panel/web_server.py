@@ -56,7 +56,7 @@ class WebServerError(RuntimeError):
     """The page cannot be served, with the reason and the remedy as text."""
 
 
-class Visitors(Protocol):
+class WindowListener(Protocol):
     """Listener for windows, called in the server's thread."""
 
     def came(self, window: Window) -> None:
@@ -79,14 +79,14 @@ class Page(NamedTuple):
 def page_files() -> dict[str, Page]:
     """Return the files of the page, by their paths."""
     own = files('epson_driver.panel').joinpath('assets').iterdir()
-    bodies = {each.name: each.read_bytes() for each in own}
+    bodies = {item.name: item.read_bytes() for item in own}
     bodies |= {name: asset(name).encode() for name in ('bundle.js', 'bundle.css', 'arm.js')}
-    found = {
+    result = {
         f'/{name}': Page(f'{KINDS[name.rpartition(".")[2]]}; charset=utf-8', body)
         for name, body in bodies.items()
     }
-    found['/'] = found.pop('/index.html')
-    return found
+    result['/'] = result.pop('/index.html')
+    return result
 
 
 class WebServer:
@@ -101,7 +101,7 @@ class WebServer:
         host: str,
         port: int,
         token: str | None,
-        visitors: Visitors,
+        visitors: WindowListener,
         on_error: Callable[[str, BaseException], None],
     ) -> None:
         if token is None and not is_loopback(host):

@@ -43,7 +43,7 @@ def packed(value: object) -> bytes:
         nonlocal used
         if not isinstance(part, np.ndarray):
             return _fields(part)
-        dtype, begin, numbers = part.dtype.str, used, part.tobytes()
+        dtype, start, numbers = part.dtype.str, used, part.tobytes()
         if dtype not in _DTYPES:
             raise TypeError(f'an array of {part.dtype} cannot be passed')
         used += len(numbers)
@@ -51,7 +51,7 @@ def packed(value: object) -> bytes:
         if rest := -used % _ALIGNMENT:
             used += rest
             arrays.append(bytes(rest))
-        return {_ARRAY: (dtype, part.shape, begin)}
+        return {_ARRAY: (dtype, part.shape, start)}
 
     text = json.dumps(value, check_circular=False, default=plain).encode()
     body = b''.join([text, bytes(-len(text) % _ALIGNMENT), *arrays])
@@ -78,10 +78,10 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
         ((name, values),) = part.items()
         if name != _ARRAY:
             return names[name](*map(_tuple, values))
-        dtype, shape, begin = values
+        dtype, shape, start = values
         if dtype not in _DTYPES:
             raise TypeError(f'an array of {dtype}')
-        return np.frombuffer(arrays, dtype, math.prod(shape), begin).reshape(shape)
+        return np.frombuffer(arrays, dtype, math.prod(shape), start).reshape(shape)
 
     try:
         checksum, text_length, length = PREFIX.unpack_from(data)

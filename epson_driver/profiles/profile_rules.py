@@ -108,7 +108,7 @@ RULES: dict[str, Rule] = {
     'program.acknowledge': choice('default', 'taken'),
     'program.check_sequence': _YES_OR_NO,
     'program.check_limits': _YES_OR_NO,
-    'program.uses': _mapped({each.value: each for each in FieldsUsed}),
+    'program.uses': _mapped({item.value: item for item in FieldsUsed}),
     'program.late_failure': _YES_OR_NO,
     'program.accepts': choice('exact', 'longer', 'any'),
     'program.special_sequences': choice('all', 'stop'),

@@ -82,10 +82,10 @@ async def identity(ask: Ask, address: str) -> str:
     Missing or malformed fields are omitted. `address` is always included. Raises the exceptions of
     `ask` except RemoteError.
     """
-    found = _SIMULATED.fullmatch(await told(ask, 'Sim,identity'))
-    if found:
-        simulated = '' if found[1] == 'simulated' else ' (simulated)'
-        return f'{found[1]}{simulated}, {found[2]}, {address}'
+    result = _SIMULATED.fullmatch(await told(ask, 'Sim,identity'))
+    if result:
+        simulated = '' if result[1] == 'simulated' else ' (simulated)'
+        return f'{result[1]}{simulated}, {result[2]}, {address}'
     controller = await told(ask, 'GetContType')
     robot = (await told(ask, 'GetRobotInfo')).rpartition(',')[2]
     return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])

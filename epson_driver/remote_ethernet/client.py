@@ -242,7 +242,7 @@ def without_password(command: str) -> str:
 T = TypeVar('T')
 
 
-class GaveWayError(ConnectionError):
+class PreemptedError(ConnectionError):
     """A more urgent dialogue needed the remote port."""
 
     def __init__(self) -> None:
@@ -276,7 +276,7 @@ class RemoteTurns:
         """
         async with self._lock:
             if self._urgent:
-                raise GaveWayError
+                raise PreemptedError
             task = asyncio.create_task(dialogue())
             self._patient = task
             try:
@@ -286,5 +286,5 @@ class RemoteTurns:
                 task.cancel()  # has an effect only if the waiting caller was cancelled
                 await asyncio.gather(task, return_exceptions=True)
             if task.cancelled():
-                raise GaveWayError
+                raise PreemptedError
             return task.result()

@@ -89,16 +89,16 @@ SWITCH = {'off': '0', 'on': '1'}
 def action(text: str) -> Action:
     """Return the action for the words. Raises UsageError."""
     words = text.split()
-    said = ' '.join(words)
-    if said in ACTIONS:
-        return ACTIONS[said]
+    message = ' '.join(words)
+    if message in ACTIONS:
+        return ACTIONS[message]
     first, *rest = words or ['']
     if first not in {form.partition(' ')[0] for form in FORMS} or not text.isprintable():
         known = ', '.join((*ACTIONS, *FORMS))
-        raise UsageError(f'{said[:MAX_ECHO_CHARACTERS]!r}: must be one of {known}')
+        raise UsageError(f'{message[:MAX_ECHO_CHARACTERS]!r}: must be one of {known}')
     if first == 'io':
         return _point(rest)
-    return Action((','.join(('Sim', *words)),), f'{said}: done')
+    return Action((','.join(('Sim', *words)),), f'{message}: done')
 
 
 def _point(words: Sequence[str]) -> Action:
@@ -106,8 +106,10 @@ def _point(words: Sequence[str]) -> Action:
     kind, index, value = (*words, '', '', '')[:3]
     number = SWITCH.get(value, value)
     if len(words) not in (2, 3) or not index.isdecimal() or (number and not _is_number(number)):
-        said = ' '.join(words)[:MAX_ECHO_CHARACTERS]
-        raise UsageError(f'io {said}: must be io KIND INDEX [VALUE], VALUE = on, off or a number')
+        message = ' '.join(words)[:MAX_ECHO_CHARACTERS]
+        raise UsageError(
+            f'io {message}: must be io KIND INDEX [VALUE], VALUE = on, off or a number'
+        )
     commands = [','.join(filter(None, ('Sim', 'io', kind, index, number)))]
     if real := POINTS.get(kind, ('', ''))[bool(number)]:
         commands.append(real.format(index, number))

@@ -127,12 +127,12 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
 
 def _size(path: Path) -> int:
     """Return the size of a bag on the disk, bytes. Raises InputError unless all are files."""
-    files = [each for each in path.iterdir() if not each.is_dir()] if path.is_dir() else [path]
+    files = [item for item in path.iterdir() if not item.is_dir()] if path.is_dir() else [path]
     if (described := path / 'metadata.yaml') in files:
         read_yaml(described, largest=10 * MEGABYTE)
     size = 0
-    for each in files:
-        with open_file(each) as file:
+    for element in files:
+        with open_file(element) as file:
             status = os.fstat(file.fileno())
             size += min(status.st_size, status.st_blocks * 512)
     return size
@@ -146,14 +146,14 @@ def _bounded(most: int) -> Iterator[None]:
     """
     used = int(Path('/proc/self/statm').read_text('ascii').split()[0]) * resource.getpagesize()
     kinds = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
-    before = {each: resource.getrlimit(each) for each in kinds}
-    for each, (soft, hard) in before.items():
-        resource.setrlimit(each, (min(used + most, soft % 2**64), hard))  # -1: no limit
+    before = {kind: resource.getrlimit(kind) for kind in kinds}
+    for item, (soft, hard) in before.items():
+        resource.setrlimit(item, (min(used + most, soft % 2**64), hard))  # -1: no limit
     try:
         yield
     finally:
-        for each, limits in before.items():
-            resource.setrlimit(each, limits)
+        for item, limits in before.items():
+            resource.setrlimit(item, limits)
 
 
 def _read_whole(
@@ -183,26 +183,33 @@ class _Bag:
         self._links: list[tuple[float, str, bool]] = []
         self._followed: list[tuple[float, float, list[float]]] = []
         self._traffic: dict[tuple[str, str], list[float]] = defaultdict(list)
-        self._ours = any(each.topic.endswith('/report/events') for each in reader.connections)
+        self._ours = any(
+            connection.topic.endswith('/report/events') for connection in reader.connections
+        )
 
     def _choose(self, namespace: str | None) -> Any:
-        found = {
-            each.topic: each for each in self._reader.connections if each.msgtype == JOINT_STATE
+        result = {
+            connection.topic: connection
+            for connection in self._reader.connections
+            if connection.msgtype == JOINT_STATE
         }
         if namespace is not None:
             wanted = f'/{namespace.strip("/")}/joint_states'.replace('//', '/')
-            if wanted not in found:
-                has = ', '.join(sorted(found)) or 'none'
+            if wanted not in result:
+                has = ', '.join(sorted(result)) or 'none'
                 raise RunError(f'{self._path}: it contains no {wanted} (joint states: {has})')
-            return found[wanted]
-        if not found:
-            topics = ', '.join(sorted(each.topic for each in self._reader.connections)) or 'none'
+            return result[wanted]
+        if not result:
+            topics = (
+                ', '.join(sorted(connection.topic for connection in self._reader.connections))
+                or 'none'
+            )
             why = self._note or WANTED
             raise RunError(f'{self._path}: it contains no joint states (topics: {topics}): {why}')
-        if len(found) > 1:
-            text = f'it contains joint states of several robots ({", ".join(sorted(found))})'
+        if len(result) > 1:
+            text = f'it contains joint states of several robots ({", ".join(sorted(result))})'
             raise RunError(f'{self._path}: {text}: choose one with --namespace')
-        return next(iter(found.values()))
+        return next(iter(result.values()))
 
     def _belongs(self, connection: Connection) -> bool:
         """Return whether a topic belongs to this robot, or to all."""
@@ -221,11 +228,11 @@ class _Bag:
             CONTROLLER_STATE: self._controller_state,
         }
         wanted = [
-            each
-            for each in self._reader.connections
-            if each.msgtype in takers
-            and self._belongs(each)
-            and (each.msgtype != JOINT_STATE or each is self._states)
+            item
+            for item in self._reader.connections
+            if item.msgtype in takers
+            and self._belongs(item)
+            and (item.msgtype != JOINT_STATE or item is self._states)
         ]
         broken = self._note
         end = 0.0
@@ -347,7 +354,7 @@ class _Bag:
     def _sent(self) -> list[float]:
         """Return the sending times of the joint states, whose stamps are arrival times."""
         arrivals = [Arrival(time, joints=True) for time in self._times]
-        arrivals += [Arrival(each.time, joints=False) for each in self._conditions]
+        arrivals += [Arrival(condition.time, joints=False) for condition in self._conditions]
         return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
 
     def _order(self, names: list[str]) -> list[int] | None:

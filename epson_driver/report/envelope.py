@@ -53,7 +53,7 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     turns = np.array([frames[first] for frames in one]) @ np.linalg.inv(two[0][first])
     area = in_picture(turns[:, None] @ np.array([frames[last] for frames in two]))
     shown = np.array(SHOWN[model.kind]) / model.shown_per_unit
-    shown = in_picture(arm.link_frames(shown if scara else model.bent(shown.tolist())))
+    shown = in_picture(arm.link_frames(shown if scara else model.for_folding_arm(shown.tolist())))
     if not scara:
         shown = np.vstack([[0.0, 0.0], shown])
 

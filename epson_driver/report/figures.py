@@ -89,14 +89,14 @@ def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Ar
     count = len(times)
     velocities, accelerations = np.empty_like(positions), np.zeros_like(positions)
     offsets = np.arange(-reach, reach + 1)
-    for begin in range(0, count, CHUNK):
-        here = np.arange(begin, min(begin + CHUNK, count))
+    for start in range(0, count, CHUNK):
+        here = np.arange(start, min(start + CHUNK, count))
         window = np.clip(here, reach, count - 1 - reach)[:, None] + offsets
         since = times[window] - times[here, None]
         scale = np.abs(since).max(axis=1, keepdims=True)
         scale[scale == 0.0] = 1.0
-        share = since / scale  # within ±2: the normal equations stay well conditioned
-        powers = share[:, :, None] ** np.arange(degree + 1)
+        fraction = since / scale  # within ±2: the normal equations stay well conditioned
+        powers = fraction[:, :, None] ** np.arange(degree + 1)
         normal = np.einsum('kwi,kwj->kij', powers, powers) + 1e-12 * np.eye(degree + 1)
         right = np.einsum('kwi,kwm->kim', powers, positions[window] - positions[here, None])
         fitted = np.linalg.solve(normal, right)
@@ -192,9 +192,9 @@ def figures(run: Run, metric: Array | None = None) -> Figures:
         velocities,
         accelerations,
         _between(run.times),
-        tuple((each.name, each.sender, _between(each.times)) for each in run.traffic),
+        tuple((item.name, item.sender, _between(item.times)) for item in run.traffic),
         tuple(
-            (name, _latencies([each.latency for each in run.replies if each.name == name]))
+            (name, _latencies([item.latency for item in run.replies if item.name == name]))
             for name in names
         ),
         tuple(motions),
@@ -288,13 +288,13 @@ def _standstills(
     inside = still[moving[0] : moving[-1]].astype(np.int8)
     edges = np.diff(inside, prepend=0, append=0)
     times = run.times[here][moving[0] :]
-    found = [
+    result = [
         (float(times[first]), float(times[last] - times[first]))
         for first, last in zip(
             np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
         )
     ]
-    return [(at, long) for at, long in found if long >= MIN_STOP_S]
+    return [(at, long) for at, long in result if long >= MIN_STOP_S]
 
 
 def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotModel) -> Any:
@@ -325,11 +325,16 @@ def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotMod
             }
             for name, timing in numbers.replies
         ],
-        'motions': [_motion_json(each) for each in numbers.motions],
+        'motions': [_motion_json(motion) for motion in numbers.motions],
         'standstills': [{'time_s': at, 'duration_s': long} for at, long in numbers.stops],
         'events': [
-            {'time_s': each.time, 'level': each.level, 'text': each.text, 'remedy': each.remedy}
-            for each in events
+            {
+                'time_s': event.time,
+                'level': event.level,
+                'text': event.text,
+                'remedy': event.remedy,
+            }
+            for event in events
         ],
         'notes': list(run.notes),
     }

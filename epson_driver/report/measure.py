@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion import Array, Trajectory
-from epson_driver.motion.passages import passages
+from epson_driver.motion.closest_samples import closest_sample_indices
 
 STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
 """Below the first share of the run's typical speed the arm has stopped, above the second it moves
@@ -118,15 +118,15 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
     """Return the distance to each waypoint, rad, and its passage time, s, in shapes (n,)."""
-    samples = passages(trajectory.positions, run.positions)
+    samples = closest_sample_indices(trajectory.positions, run.positions)
     distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
-    share = np.linspace(0.0, 1.0, 41)[:, None]
+    fraction = np.linspace(0.0, 1.0, 41)[:, None]
     for index, (waypoint, sample) in enumerate(
         zip(trajectory.positions, samples.tolist(), strict=True)
     ):
         for first in (sample - 1, sample):
             if 0 <= first < len(run.positions) - 1:
                 start, end = run.positions[first], run.positions[first + 1]
-                line = np.abs(start + share * (end - start) - waypoint).max(axis=1)
+                line = np.abs(start + fraction * (end - start) - waypoint).max(axis=1)
                 distances[index] = min(distances[index], line.min())
     return distances, run.times[samples]

@@ -37,8 +37,8 @@ def write_report(runs: Sequence[tuple[Run, Figures]], model: RobotModel, output:
     write_file(output, page(runs, model))
     beside = output.with_suffix('.json')
     content = [as_json(run, numbers, run.events, model) for run, numbers in runs]
-    found = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
-    write_file(beside, found + '\n')
+    result = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
+    write_file(beside, result + '\n')
     print(f'report: {output}\nfigures: {beside}')
 
 
@@ -64,14 +64,14 @@ def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:
         assets.joinpath(name).read_text(encoding='utf-8') for name in ('page.js', 'page.css')
     )
     scripts, style = (asset('bundle.js'), asset('arm.js'), own), asset('bundle.css') + more
-    allowed = ' '.join(_hash(each) for each in scripts)
+    allowed = ' '.join(_hash(script) for script in scripts)
     policy = (
         f"default-src 'none'; script-src {allowed}; style-src {_hash(style)}; "
         "base-uri 'none'; form-action 'none'"
     )
     title = html.escape(' and '.join(run.source for run, _ in runs))
     inert = json.dumps(data, allow_nan=False, separators=(',', ':')).replace('<', '\\u003c')
-    code = ''.join(f'<script>{each}</script>\n' for each in scripts)
+    code = ''.join(f'<script>{script}</script>\n' for script in scripts)
     body = assets.joinpath('page.html').read_text(encoding='utf-8')
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -101,7 +101,7 @@ def _run(run: Run, numbers: Figures, model: RobotModel, among: int) -> dict[str,
         'velocities': _scaled(numbers.velocities[::stride]),
         'accelerations': _scaled(numbers.accelerations[::stride]),
         'conditions': _changes(run.conditions),
-        'links': [list(each) for each in run.links],
+        'links': [list(link) for link in run.links],
         'plans': [
             {
                 'sent': plan.sent,
@@ -112,7 +112,7 @@ def _run(run: Run, numbers: Figures, model: RobotModel, among: int) -> dict[str,
             for plan, motion in zip(run.plans, numbers.motions, strict=True)
         ],
         'gaps': _gaps(run.times),
-        'replies': [[each.time, each.latency] for each in run.replies[: MAX_SAMPLES // 5]],
+        'replies': [[reply.time, reply.latency] for reply in run.replies[: MAX_SAMPLES // 5]],
     }
 
 
@@ -131,14 +131,21 @@ def _scaled(values: Array) -> dict[str, Any]:
 
 def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
     """Return the conditions that differ from their predecessor: time, flags, mode, errors."""
-    found: list[list[Any]] = []
+    result: list[list[Any]] = []
     before: object = None
-    for each in conditions:
-        now = (each.flags, each.mode, each.error_codes)
+    for condition in conditions:
+        now = (condition.flags, condition.mode, condition.error_codes)
         if now != before:
-            found.append([each.time, list(each.flags), each.mode, list(each.error_codes)])
+            result.append(
+                [
+                    condition.time,
+                    list(condition.flags),
+                    condition.mode,
+                    list(condition.error_codes),
+                ]
+            )
         before = now
-    return found
+    return result
 
 
 def _gaps(times: Array) -> list[list[float]]:

@@ -118,8 +118,8 @@ class Run:
 
 def array(values: Sequence[object], columns: int | None = None) -> Array:
     """Return numbers as an array of shape (k,) or (k, columns), also for k = 0."""
-    found = np.array(values, dtype=float)
-    return found if columns is None else found.reshape(-1, columns)
+    result = np.array(values, dtype=float)
+    return result if columns is None else result.reshape(-1, columns)
 
 
 MIN_MESSAGES = 20
@@ -141,27 +141,27 @@ def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
     The times are on the receiver's clock and never later than the arrival.
     """
     if len(arrivals) < MIN_MESSAGES:
-        return [each.time for each in arrivals if each.joints]
+        return [arrival.time for arrival in arrivals if arrival.joints]
     gaps = [b.time - a.time for a, b in itertools.pairwise(arrivals)]
     clock = SenderClock(max(statistics.fmean(sorted(gaps)[: -len(gaps) // 20 or None]), 1e-4))
     sent: list[float] = []
     since: list[float] = []
     """The clock's time of each message."""
-    told: float | None = None
-    for each in arrivals:
+    report: float | None = None
+    for item in arrivals:
         passed = None
-        if each.told is not None:
-            passed = each.told - told if told is not None and each.told > told else None
-            told = each.told
+        if item.told is not None:
+            passed = item.told - report if report is not None and item.told > report else None
+            report = item.told
         gap = clock.gap
-        shift = clock.step(each.time, passed)
+        shift = clock.step(item.time, passed)
         if shift and gap is not None:
             for index in reversed(range(len(since))):
                 if since[index] < gap:
                     break
                 since[index] += shift
-                sent[index] = min(sent[index] + shift, each.time)
-        if each.joints:
+                sent[index] = min(sent[index] + shift, item.time)
+        if item.joints:
             since.append(clock.time)
             sent.append(max(clock.measured, sent[-1] + 1e-6) if sent else clock.measured)
     return sent
@@ -189,9 +189,9 @@ def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iter
     for now in conditions:
         for flag, value in CHANGES:
             is_new = before is None or before.flag(flag) != value
-            told = CHANGES[flag, value]
-            if now.flag(flag) == value and is_new and (before is not None or told[0] == 'error'):
-                yield Event(now.time, *told)
+            report = CHANGES[flag, value]
+            if now.flag(flag) == value and is_new and (before is not None or report[0] == 'error'):
+                yield Event(now.time, *report)
         known = () if before is None else before.error_codes
         for code in now.error_codes:
             if code not in known:

@@ -12,8 +12,8 @@ import numpy as np
 
 from epson_driver.inputs import write_file
 from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.closest_samples import Figures, measure, passed
 from epson_driver.motion.interpolation import Interpolation, central_differences
-from epson_driver.motion.passages import Figures, measure, passed
 
 SAMPLE_RATE_HZ = 1000.0
 """Samples per second of point-to-point motion and of the spline."""
@@ -45,7 +45,7 @@ class Column:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class SmoothingComparison:
     """A plan, and motions through its points, the smooth one last."""
 
     plan: Trajectory
@@ -110,7 +110,7 @@ def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
     return Trajectory(plan.joint_names, times, position, velocity, acceleration), t
 
 
-def draw(path: Path, study: Study) -> None:
+def draw(path: Path, study: SmoothingComparison) -> None:
     """Write the plot: position, velocity, acceleration and jerk in a column per motion."""
     import matplotlib as mpl
 
@@ -128,10 +128,10 @@ def draw(path: Path, study: Study) -> None:
         layout='constrained',
         gridspec_kw={'height_ratios': (1.25, 1, 1, 1)},
     )
-    durations = [each.figures.duration for each in study.columns]
+    durations = [item.figures.duration for item in study.columns]
     together = max(durations) <= MAX_SHARED_TIME_RATIO * min(durations)
-    for place, each in enumerate(study.columns):
-        _draw_column(grid[:, place], each, study)
+    for place, element in enumerate(study.columns):
+        _draw_column(grid[:, place], element, study)
         width = max(max(durations) if together else durations[place], 0.1)
         grid[0, place].set_xlim(-0.02 * width, 1.02 * width)
         grid[3, place].set_xlabel('time [s]' if together else 'time [s], separate scale')
@@ -160,14 +160,16 @@ def save_picture(path: Path, figure: Any) -> None:
     write_file(path, content.getvalue())
 
 
-def _shown(study: Study) -> list[float]:
+def _shown(study: SmoothingComparison) -> list[float]:
     """Return the ends of the velocity, acceleration and jerk axes, as multiples of the limits."""
-    figures = [each.figures for each in study.columns]
-    worst = np.max([(each.velocity, each.acceleration, each.jerk) for each in figures], axis=0)
+    figures = [item.figures for item in study.columns]
+    worst = np.max(
+        [(figure.velocity, figure.acceleration, figure.jerk) for figure in figures], axis=0
+    )
     return [float(value) for value in np.clip(1.08 * worst, 1.25, MAX_AXIS_RATIOS)]
 
 
-def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
+def _draw_column(axes: Any, drawn: Column, study: SmoothingComparison) -> None:
     motion, figures = drawn.motion, drawn.figures
     times = motion.times - motion.times[0]
     assert motion.velocities is not None  # noqa: S101 - for the type checker
@@ -206,9 +208,9 @@ def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
             bbox={'facecolor': 'white', 'alpha': 0.85, 'edgecolor': 'none', 'pad': 1.5},
         )
     stops = figures.stops + figures.commanded_stops
-    said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
+    message = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
     axes[0].set_title(
-        f'{drawn.title}\n{figures.duration:.2f} s, {said} during the motion', fontsize=11
+        f'{drawn.title}\n{figures.duration:.2f} s, {message} during the motion', fontsize=11
     )
     for part in axes:
         part.grid(alpha=0.25)

@@ -274,7 +274,7 @@ class _Reader:
 
     def run(self, source: str, began: int, joint_names: tuple[str, ...], texts: ErrorTexts) -> Run:
         """Return the collected run."""
-        sent = [time for each in self._arrivals.values() for time in sent_times(each)]
+        sent = [time for arrival in self._arrivals.values() for time in sent_times(arrival)]
         measured = all(len(row) == self._joints for row in self._velocities)
         for pending in self._pending.values():
             if len(pending):

@@ -48,17 +48,17 @@ def model_name(name: str) -> str:
     listed = robot_models()
     if name in listed:
         return name
-    models = {_plain(each): each for each in listed}
+    models = {_plain(item): item for item in listed}
     wanted = _plain(name)
-    begin = [each for plain, each in models.items() if wanted and plain.startswith(wanted)]
+    start = [element for plain, element in models.items() if wanted and plain.startswith(wanted)]
     if wanted in models or wanted + 's' in models:
         return models.get(wanted) or models[wanted + 's']
-    if len(begin) == 1:
-        return begin[0]
-    alike = [models[each] for each in get_close_matches(wanted, models, MOST_NAMES, ALIKE)]
-    series = [each for each in models.values() if wanted.startswith(each.partition('_')[0])]
+    if len(start) == 1:
+        return start[0]
+    alike = [models[match] for match in get_close_matches(wanted, models, MOST_NAMES, ALIKE)]
+    series = [model for model in models.values() if wanted.startswith(model.partition('_')[0])]
     raise FileNotFoundError(
-        f'no robot model {printable(name)}{_unknown(wanted) or _near(begin or alike or series)}; '
+        f'no robot model {printable(name)}{_unknown(wanted) or _near(start or alike or series)}; '
         f'`epson_driver robots` lists all {len(models)}'
     )
 

@@ -113,13 +113,13 @@ class Kinematics:
         """
         pose = self._of_tool0(_checked_pose(pose))
         near = np.zeros(len(self.model.joint_names)) if near is None else self._checked(near)
-        found: list[Array] = []
+        result: list[Array] = []
         for branch in self._solver.branches(pose, near):
             for joints in self._turns(branch):
-                if not any(np.abs(joints - other).max() < SAME_SOLUTION_RAD for other in found):
-                    found.append(joints)
-        found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
-        return np.array(found).reshape(-1, len(near))
+                if not any(np.abs(joints - other).max() < SAME_SOLUTION_RAD for other in result):
+                    result.append(joints)
+        result.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
+        return np.array(result).reshape(-1, len(near))
 
     def why_unreachable(self, pose: Array) -> str:
         """Return why the tool cannot have a pose's orientation, or ''. Raises as `inverse`."""
@@ -170,8 +170,8 @@ class Kinematics:
             elif not low - LIMIT_TOLERANCE_RAD <= value <= high + LIMIT_TOLERANCE_RAD:
                 return []
             values = (value + FULL_TURN * turn for turn in range(first, last + 1))
-            choices.append([min(max(each, low), high) for each in values])
-        return [np.array(each) for each in product(*choices)]
+            choices.append([min(max(item, low), high) for item in values])
+        return [np.array(item) for item in product(*choices)]
 
     def _checked(self, joints: Array) -> Array:
         joints = np.asarray(joints, dtype=float)
@@ -231,8 +231,8 @@ def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
     limits = model.limits
     random = np.random.default_rng(0)
     shape = (POSES, len(limits.names))
-    found = conditions(model, random.uniform(limits.position_min, limits.position_max, shape))
-    lower, stop = np.quantile(found, (USUAL, NEARLY_ALL))
+    result = conditions(model, random.uniform(limits.position_min, limits.position_max, shape))
+    lower, stop = np.quantile(result, (USUAL, NEARLY_ALL))
     return float(lower), float(stop)
 
 

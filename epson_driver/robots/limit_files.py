@@ -89,7 +89,7 @@ def limits_of(
     ratios: default ratio of the acceleration to the velocity, and of the jerk to the acceleration,
     1/s. Raises InputError, with the joint, if another limit is missing.
     """
-    found, assumed = [], []
+    result, assumed = [], []
     for joint in joints:
         row = dict(rows.get(joint, {}))
         for key in ('position_min', 'position_max', 'velocity'):
@@ -104,9 +104,9 @@ def limits_of(
             if key not in row:
                 row[key] = ratio * row[base]
                 assumed.append(f'{joint}: {key} {row[key]:g}, {ratio:g} times its {base}')
-        found.append(row)
-    columns = {key: np.array([row[key] for row in found], dtype=float) for key in QUANTITIES}
-    units = tuple(row.get('unit', 'rad') for row in found)
+        result.append(row)
+    columns = {key: np.array([row[key] for row in result], dtype=float) for key in QUANTITIES}
+    units = tuple(row.get('unit', 'rad') for row in result)
     try:
         limits = JointLimits(tuple(joints), **columns, units=units)
     except ValueError as error:

@@ -111,17 +111,17 @@ class RobotModel:
     @property
     def mark(self) -> str:
         """Lowest mark of all quantities."""
-        return max((each.worst for each in self.provenance.values()), key=MARKS.index)
+        return max((item.worst for item in self.provenance.values()), key=MARKS.index)
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """Ranges, speeds and lengths that are not confirmed, one sentence each."""
         asked = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
-        found = {words: self.provenance.get(key) for key, words in asked.items()}
+        result = {words: self.provenance.get(key) for key, words in asked.items()}
         return tuple(
             f'{words} of the {self.name} are {origin.worst} ({origin.source}): compare them with '
             'yours before the arm moves'
-            for words, origin in found.items()
+            for words, origin in result.items()
             if origin is not None and origin.worst in MARKS[2:]
         )
 
@@ -130,7 +130,7 @@ class RobotModel:
         rule = number(0.0, MOST_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
         return float(rule.checked(payload, field))
 
-    def bent(self, joints: Sequence[float]) -> Array:
+    def for_folding_arm(self, joints: Sequence[float]) -> Array:
         """Convert joints of a six-axis arm that is upright at zero, shape (6,), rad, to this arm.
 
         At the zero of a folding arm its upper arm points backwards, and its forearm forwards.
@@ -221,7 +221,7 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
     """Convert joint values from degrees and mm to rad and m, shape (n, …), bit-equal to urdf/."""
-    turns = np.array([each != PRISMATIC for each in types]).reshape(-1, *[1] * (values.ndim - 1))
+    turns = np.array([item != PRISMATIC for item in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 
 
@@ -293,16 +293,16 @@ def _weight(reader: Reader, key: str) -> float | None:
 
 
 def _provenance(reader: Reader, keys: dict[str, str], count: int) -> dict[str, Provenance]:
-    found = {}
+    result = {}
     for quantity in QUANTITIES:
         key = keys.get(quantity, '')
         if quantity == 'jerk' and not reader.has(key):
-            found[quantity] = ASSUMED_JERK
+            result[quantity] = ASSUMED_JERK
         elif quantity in ('pulses', 'payload', 'mass') and not reader.has(key or f'{quantity}_kg'):
             continue  # not known
         elif quantity != 'heights' or reader.has_source(quantity):
-            found[quantity] = reader.provenance(quantity, count if key else 1)
-    return found
+            result[quantity] = reader.provenance(quantity, count if key else 1)
+    return result
 
 
 SIX_AXES, RS_SERIES, N_SERIES = 5, 6, 7

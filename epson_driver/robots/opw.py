@@ -71,7 +71,7 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
         raise _no_opw(model, 'the upper arm or the hand has no length')
     fore = axes[3] if axes[3] @ lower >= 0.0 else -axes[3]
     out = hand / np.linalg.norm(hand)
-    standing, bent, pointing = _from_up(upper), _from_up(fore), _from_up(out)
+    standing, for_folding_arm, pointing = _from_up(upper), _from_up(fore), _from_up(out)
     rest = rotation_about(_Y, pointing).T @ model.tool0.matrix[:3, :3]  # what joint 6 has to turn
     if abs(rest[2, 2] - 1.0) > TOLERANCE:
         raise _no_opw(model, 'the z axis of tool0 is not along joint 6')
@@ -88,7 +88,14 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
             'c3': float(lower @ fore),
             'c4': float(np.linalg.norm(hand)),
         },
-        offsets=(0.0, -standing, standing - bent, 0.0, bent - pointing, -turned),
+        offsets=(
+            0.0,
+            -standing,
+            standing - for_folding_arm,
+            0.0,
+            for_folding_arm - pointing,
+            -turned,
+        ),
         signs=tuple(round(a @ direction) for a, direction in zip(axes, directions, strict=True)),
     )
 
@@ -166,7 +173,7 @@ class OpwSolver:
             for arm in self._arms(pose[:3, 3] - self._lengths['c4'] * pose[:3, 2], first)
             for wrist in _wrists(arm, pose[:3, :3], fourth)
         ]
-        return [self._signs * (np.array(each) + self._offsets) for each in angles]
+        return [self._signs * (np.array(angle) + self._offsets) for angle in angles]
 
     def _arms(self, wrist: Array, free: float) -> Iterator[tuple[float, float, float]]:
         """Yield the angles of joints 1 to 3 that bring the wrist's centre to a position."""
@@ -196,7 +203,7 @@ def _wrists(
     arm: tuple[float, float, float], turn: Array, fourth: float
 ) -> Iterator[tuple[float, float, float]]:
     """Yield the angles of joints 4 to 6 for the hand's orientation, `fourth` if it is free."""
-    (c1, s1), (c23, s23) = ((cos(each), sin(each)) for each in (arm[0], arm[1] + arm[2]))
+    (c1, s1), (c23, s23) = ((cos(item), sin(item)) for item in (arm[0], arm[1] + arm[2]))
     forearm = np.array([[c1 * c23, s1 * c23, -s23], [-s1, c1, 0.0], [c1 * s23, s1 * s23, c23]])
     r = (forearm @ turn).tolist()
     fifth = atan2(hypot(r[0][2], r[1][2]), r[2][2])

@@ -72,7 +72,7 @@ class Reader:
             if key in known:
                 continue
             quantity = key.partition('_')[0]
-            units = [each for each in known if each.startswith(quantity + '_')]
+            units = [item for item in known if item.startswith(quantity + '_')]
             near = near_name(key, known)
             hint = f'; did you mean {near}?' if near else f'; known are {", ".join(known)}'
             rule = f'unit missing or wrong: must be {" or ".join(units)}'
@@ -164,7 +164,7 @@ class Reader:
         key = f'sources.{quantity}'
         mark, text = source if isinstance(source, list) and len(source) == 2 else ('', '')
         marks: list[str] = mark if isinstance(mark, list) else [mark] * count
-        if len(marks) != count or any(each not in MARKS for each in marks):
+        if len(marks) != count or any(item not in MARKS for item in marks):
             more = ' (or a list of one per joint)' if count > 1 else ''
             rule = f'must be [MARK, source], with one of {", ".join(MARKS)}{more}'
             raise self._error(layer, ('sources', quantity), f'{key} = {shown(source)}: {rule}')

@@ -42,8 +42,8 @@ def scara_parameters(model: RobotModel) -> ScaraParameters:
     The joints must be revolute, revolute, prismatic and revolute.
     """
     up = model.chain.axes[:, 2]
-    for name, share in zip(model.joint_names, np.abs(up), strict=True):
-        if abs(share - 1.0) > TOLERANCE:
+    for name, fraction in zip(model.joint_names, np.abs(up), strict=True):
+        if abs(fraction - 1.0) > TOLERANCE:
             raise _no_scara(model, f'the axis of {name} is not vertical')
     origins = model.chain.origins
     places = (origins[0], origins[1], origins[2:].sum(axis=0))
@@ -58,7 +58,7 @@ def scara_parameters(model: RobotModel) -> ScaraParameters:
         },
         base=base,
         arms=(first, second),
-        signs=tuple(round(share) for share in up),
+        signs=tuple(round(fraction) for fraction in up),
     )
 
 

@@ -131,13 +131,13 @@ def link_surfaces(model: RobotModel) -> list[list[Surface]]:
 
 
 def _by_colour(link: ElementTree.Element) -> list[Surface]:
-    found: dict[tuple[float, float, float], list[Array]] = {}
+    result: dict[tuple[float, float, float], list[Array]] = {}
     for visual in link.iter('visual'):
         red, green, blue, _ = _numbers(visual.find('material/color'), 'rgba')
-        found.setdefault((red, green, blue), []).extend(_solids(visual))
+        result.setdefault((red, green, blue), []).extend(_solids(visual))
     return [
         Surface(np.concatenate(corners).astype(np.float32), colour)
-        for colour, corners in found.items()
+        for colour, corners in result.items()
     ]
 
 

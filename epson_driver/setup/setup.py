@@ -160,8 +160,8 @@ def make_setup(given: Mapping[str, Any]) -> Setup:
         raise ValueError(f'{model.name} has {len(names)} joints: at most {MAX_JOINTS}')
     model = replace(model, limits=replace(model.limits, names=names))
     for name, unit in zip(names, model.limits.units, strict=True):
-        for row, each in zip(joint_rows(name, unit), joint_rows(EACH_JOINT), strict=True):
-            values.setdefault(row.name, values.get(each.name, row.default))
+        for row, item in zip(joint_rows(name, unit), joint_rows(EACH_JOINT), strict=True):
+            values.setdefault(row.name, values.get(item.name, row.default))
     configuration = _configuration(values, profile, model)
     return Setup(values, profile, model, configuration, _gripper_wiring(values))
 

@@ -34,8 +34,8 @@ from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
 from epson_driver.spel import (
     ErrorNumber,
+    ProgramEnvironment,
     SpelError,
-    Surroundings,
     Terminal,
     build,
     read_project,
@@ -56,7 +56,7 @@ class SpelSource(NamedTuple):
     program: CompiledProgram
     network: ProgramNetwork
     terminal: Terminal | None = None
-    around: Surroundings | None = None
+    around: ProgramEnvironment | None = None
     starts: str = MAIN
 
 
@@ -152,10 +152,10 @@ def _command_window(controller: Controller) -> SpelProgram:
     executor = _statements(controller, controller.arm.commanded)
 
     def claim() -> None:
-        if controller.clients.attended('motion'):
+        if controller.clients.has_client('motion'):
             text = 'the client of the motion port has the arm'
             raise SpelError(ErrorNumber.TASK_TYPE, text)
-        controller.arm.lend(executor)
+        controller.arm.switch_executor(executor)
 
     network = ProgramNetwork({})
     return SpelProgram(build({'': ''}), controller, executor, network, claim=claim)
@@ -223,9 +223,9 @@ def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]
         text = f'{model.name} has {joints} joints: the project is for six axes, or a SCARA'
         raise InputError(text)
     speeds = abs(limits.velocity * model.shown_per_unit)
-    found = {f'J{number + 1}_SPEED': f'{speed:.6g}' for number, speed in enumerate(speeds)}
-    found['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
-    found['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
-    found |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
+    result = {f'J{number + 1}_SPEED': f'{speed:.6g}' for number, speed in enumerate(speeds)}
+    result['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
+    result['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
+    result |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
     there = set(_NAMES.findall(text))
-    return {name: value for name, value in found.items() if name in there}
+    return {name: value for name, value in result.items() if name in there}

@@ -238,7 +238,7 @@ class ClientConnection(Session):
         self._abort()
         self.closed()
 
-    def dismiss(self) -> None:
+    def disconnect_after_flush(self) -> None:
         """Remove the client immediately, and close the connection once all bytes are sent."""
         self._close()
         self.closed()
@@ -295,12 +295,12 @@ class ClientConnections:
         ]:
             connection.hang_up()
 
-    def dismiss(self, port: str) -> None:
+    def disconnect_after_flush(self, port: str) -> None:
         """Close the connections of all clients of the port once all bytes are sent."""
         for connection in [held for held in self._connections if held.port == port]:
-            connection.dismiss()
+            connection.disconnect_after_flush()
 
-    def attended(self, port: str) -> bool:
+    def has_client(self, port: str) -> bool:
         """Return whether a port has a client."""
         return any(connection.port == port for connection in self._connections)
 
@@ -327,7 +327,7 @@ class ClientConnections:
         """Raise ConnectionRefusedError if a client of an exclusive port is logged in."""
         sessions = [connection.session for connection in self._remote]
         one = self._controller.profile.remote.clients == 1
-        if one and any(isinstance(each, RemoteSession) and each.logged_in for each in sessions):
+        if one and any(isinstance(item, RemoteSession) and item.logged_in for item in sessions):
             raise ConnectionRefusedError('a client is logged in, only one is served')
 
     def boot(self, seconds: float) -> None:
@@ -350,7 +350,7 @@ class ClientConnections:
             return self._spel.rejection(port)
         if port != 'remote' and self._controller.profile.program.interface == 'statements':
             return 'no program is loaded'
-        if port == 'motion' and self.attended(port):
+        if port == 'motion' and self.has_client(port):
             return 'another motion client is connected'
         return None
 

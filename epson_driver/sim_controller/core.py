@@ -94,10 +94,10 @@ class Clients(Protocol):
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
 
-    def dismiss(self, port: str) -> None:
+    def disconnect_after_flush(self, port: str) -> None:
         """Close the connections of all clients of the port once all bytes are sent."""
 
-    def attended(self, port: str) -> bool:
+    def has_client(self, port: str) -> bool:
         """Return whether a port has a client."""
 
     def make_room(self, port: str) -> None:
@@ -408,8 +408,8 @@ class Controller:
 
     def error_text(self, number: int) -> str:
         """Return the text of an error number, or the program's message for the current error."""
-        told = self._error_text if number == self.error_number == self._error else ''
-        return told or TEXTS.get(number, 'see the manual')
+        report = self._error_text if number == self.error_number == self._error else ''
+        return report or TEXTS.get(number, 'see the manual')
 
     def joint_position(self) -> JointPosition:
         """Return the joint positions that the encoders report."""

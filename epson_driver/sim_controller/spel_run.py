@@ -29,7 +29,7 @@ from epson_driver.spel import (
     Caller,
     Position,
     Program,
-    Surroundings,
+    ProgramEnvironment,
     Terminal,
 )
 from epson_driver.spel.code import FunctionCode
@@ -87,7 +87,7 @@ class Bench:
         self._profile = replace(profile, io=boards)
 
     def controller(
-        self, program: Program, terminal: Terminal, around: Surroundings, starts: str = MAIN
+        self, program: Program, terminal: Terminal, around: ProgramEnvironment, starts: str = MAIN
     ) -> tuple[Controller, ProgramNetwork]:
         """Return a controller that has just booted, and its program's ports."""
         network = program_network(self._profile)
@@ -102,7 +102,7 @@ def run(
     *,
     fast: bool,
     seconds: float | None,
-    around: Surroundings,
+    around: ProgramEnvironment,
 ) -> int:
     """Run a program to its end or for a time, and return the exit code.
 
@@ -214,7 +214,7 @@ class TestResult:
 
 
 def run_tests(
-    program: Program, bench: Bench, names: Callable[[str], bool], around: Surroundings
+    program: Program, bench: Bench, names: Callable[[str], bool], around: ProgramEnvironment
 ) -> Iterator[TestResult]:
     """Run the tests with selected names, in the order of the files, and yield each result."""
     for code in program.functions:
@@ -226,7 +226,7 @@ def run_function(
     program: Program,
     code: FunctionCode,
     bench: Bench,
-    around: Surroundings,
+    around: ProgramEnvironment,
     longest: float = LONGEST_S,
 ) -> TestResult:
     """Run a function instead of main until it is over, for at most `longest` s."""
@@ -253,10 +253,10 @@ def run_function(
 
 def covered(results: Iterable[TestResult]) -> dict[str, dict[int, bool]]:
     """Return the lines with statements by file, and whether any test has run them."""
-    found: dict[str, dict[int, bool]] = {}
+    match: dict[str, dict[int, bool]] = {}
     for result in results:
         for file, lines in result.lines.items():
-            known = found.setdefault(file, {})
+            known = match.setdefault(file, {})
             for line, ran in lines.items():
                 known[line] = known.get(line, False) or ran
-    return found
+    return match

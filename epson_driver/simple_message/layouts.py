@@ -215,15 +215,15 @@ class FixedLayout:
 
         Raises BodyError for a size that the type does not have.
         """
-        found = self._readers.get((size, byte_order))
-        if found is None:
+        result = self._readers.get((size, byte_order))
+        if result is None:
             sizes = ' or '.join(str(size) for size in sorted({size for size, _ in self._readers}))
             raise BodyError(
                 'body',
                 f'{size} bytes',
                 f'{self.message_class.__name__} (msg_type {self.msg_type}) has {sizes}',
             )
-        return found
+        return result
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
         """Return the message and the real width implied by its length. Raises BodyError."""

@@ -16,7 +16,7 @@ from epson_driver.spel.errors import (
     SpelError,
     TaskError,
 )
-from epson_driver.spel.files import Surroundings, read_answers
+from epson_driver.spel.files import ProgramEnvironment, read_answers
 from epson_driver.spel.host import (
     Caller,
     Completion,
@@ -46,9 +46,9 @@ __all__ = [
     'Position',
     'Problem',
     'Program',
+    'ProgramEnvironment',
     'ProgramError',
     'SpelError',
-    'Surroundings',
     'TaskError',
     'TaskState',
     'TaskType',

@@ -15,10 +15,10 @@ from epson_driver.spel.task import (
     Counter,
     Linked,
     Reference,
+    SharedState,
     Task,
     Test,
     Trap,
-    World,
 )
 from epson_driver.spel.values import (
     STRING,
@@ -129,22 +129,22 @@ def randomize(task: Task, seed: float | None = None) -> None:
 
 
 def _other(task: Task, which: int | str) -> Task:
-    found = task.world.task(which)
-    if found is None:
+    result = task.world.task(which)
+    if result is None:
         raise SpelError(ErrorNumber.NO_SUCH_TASK, f'task {which} does not exist')
-    return found
+    return result
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
     """Quit n|f|All. All excludes background tasks. A task that has ended is no error (p65)."""
     world = task.world
     if which is not None:
-        if (found := world.task(which)) is not None:
-            world.end(found)
+        if (result := world.task(which)) is not None:
+            world.end(result)
         return
-    for each in list(world.tasks.values()):
-        if each.type is not TaskType.BACKGROUND:
-            world.end(each)
+    for item in list(world.tasks.values()):
+        if item.type is not TaskType.BACKGROUND:
+            world.end(item)
     world.host.command('quit all', (), ())
 
 
@@ -160,9 +160,9 @@ def resume(task: Task, which: int | str | None) -> None:
 
 def task_wait(task: Task, which: int | str | None) -> None:
     """TaskWait n: wait until the task is over."""
-    found = task.world.task(which) if which is not None else None
-    if found is not None:
-        task.wait(None, lambda: found.frame is None)
+    result = task.world.task(which) if which is not None else None
+    if result is not None:
+        task.wait(None, lambda: result.frame is None)
 
 
 def start_main(task: Task, which: int | str | None) -> None:
@@ -177,17 +177,17 @@ def start_main(task: Task, which: int | str | None) -> None:
 
 def pause_all(task: Task) -> None:
     """Pause: pause all Normal tasks and any motion."""
-    for each in task.world.tasks.values():
-        each.paused = each.type is TaskType.NORMAL
+    for item in task.world.tasks.values():
+        item.paused = item.type is TaskType.NORMAL
     task.world.host.paused(True)
 
 
-def resume_paused(world: World) -> None:
+def resume_paused(world: SharedState) -> None:
     """Resume after a pause, restarting timed waits."""
-    for each in world.tasks.values():
-        if each.paused:
-            each.paused = False
-            waiting = each.waiting
+    for task in world.tasks.values():
+        if task.paused:
+            task.paused = False
+            waiting = task.waiting
             if waiting is not None and waiting.duration is not None:
                 waiting.until = world.time + waiting.duration
 
@@ -402,8 +402,8 @@ def define_pallet(
 ) -> None:
     """Pallet n, P1, P2, P3[, P4], columns, rows."""
     world = task.world
-    corners = tuple(world.host.stored_point(each) for each in given if isinstance(each, Point))
-    columns, rows = (each for each in given if not isinstance(each, Point))
+    corners = tuple(world.host.stored_point(item) for item in given if isinstance(item, Point))
+    columns, rows = (item for item in given if not isinstance(item, Point))
     world.pallets[number] = new_pallet(corners, columns, rows, 'outside' in words)
 
 

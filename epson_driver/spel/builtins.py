@@ -16,8 +16,8 @@ from epson_driver.spel.values import Point
 
 def timer(task: Task, number: int) -> float:
     """Return Tmr: seconds since TmReset, or since the start, in milliseconds."""
-    begun = task.world.timers.get(number, 0.0)
-    return round(task.world.time - begun, 3)
+    started = task.world.timers.get(number, 0.0)
+    return round(task.world.time - started, 3)
 
 
 def now(task: Task) -> datetime:
@@ -32,39 +32,39 @@ def _time(task: Task, unit: int) -> int:
 
 def point(task: Task, number: int) -> Point:
     """Return P(n). Raises SpelError 7007 if it is not defined."""
-    found = task.world.points.get(number)
-    if found is None:
+    result = task.world.points.get(number)
+    if result is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, f'P{number} is not defined')
-    return found
+    return result
 
 
 def _place(task: Task, number: int, position: int, row: int | None = None) -> Point:
-    found = task.world.pallets.get(number)
-    if found is None:
+    result = task.world.pallets.get(number)
+    if result is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, f'Pallet {number} is not defined')
-    return found.place(number, position, row)
+    return result.place(number, position, row)
 
 
 def task_state(task: Task, which: int | str) -> int:
     """Return TaskState."""
-    found = task.world.task(which)
-    if found is not None:
-        return found.state
+    result = task.world.task(which)
+    if result is not None:
+        return result.state
     if isinstance(which, int) and which in task.world.aborted:
         return TaskState.ABORTED
     return TaskState.NOT_RUNNING
 
 
 def _task_info(task: Task, which: int | str, index: int) -> int:
-    found = task.world.task(which)
-    if found is None:
+    result = task.world.task(which)
+    if result is None:
         raise SpelError(ErrorNumber.NO_SUCH_TASK, f'TaskInfo: task {which} does not exist')
     states = (
-        found.number,
-        int(found.type is not TaskType.BACKGROUND),
-        int(found.type),
-        int(found.state),
-        -1 if found.timed_out else 0,
+        result.number,
+        int(result.type is not TaskType.BACKGROUND),
+        int(result.type),
+        int(result.state),
+        -1 if result.timed_out else 0,
     )
     return states[index]
 
@@ -72,10 +72,10 @@ def _task_info(task: Task, which: int | str, index: int) -> int:
 def _error(task: Task, which: int | str | None) -> TaskError | None:
     if not which:  # 0 is this task
         return task.error
-    found = task.world.task(which)
-    if found is None:
+    result = task.world.task(which)
+    if result is None:
         raise SpelError(ErrorNumber.NO_SUCH_TASK, f'task {which} does not exist')
-    return found.error
+    return result.error
 
 
 def _of_error(read: Callable[[TaskError], Any], blank: int | str) -> Callable[..., Any]:
@@ -117,10 +117,10 @@ def _counted(task: Task, bit: int) -> int:
 
 
 def _io_number(task: Task, label: str) -> int:
-    found = task.world.program.data.labels.get(label.lower())
-    if found is None:
+    result = task.world.program.data.labels.get(label.lower())
+    if result is None:
         raise bad('IONumber', f'unknown I/O label {label}')
-    return found
+    return result
 
 
 def _io_label(task: Task, kind: int, width: int, number: int) -> str:

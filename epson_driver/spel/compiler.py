@@ -598,11 +598,11 @@ class Compiler:
             raise SyntaxProblem(statement.at, text, 'unknown')
         if code is not None:
             most = 3 if statement.event == 'error' else 0
-            whole = all(TYPES[each.type].kind == INT for each in code.parameters)
+            whole = all(TYPES[parameter.type].kind == INT for parameter in code.parameters)
             if (
                 len(code.parameters) > most
                 or not whole
-                or any(each.by_reference for each in code.parameters)
+                or any(parameter.by_reference for parameter in code.parameters)
             ):
                 text = f'{code.name}: a function of Trap takes no parameters, '
                 text += 'a function of Trap Error up to three Integers'
@@ -657,17 +657,17 @@ class Compiler:
         """Return the code of a motion's points, with its end last, and of its numbers."""
         made, name = self._expressions, motion.name.lower()
         if name == 'pulse':
-            values = ''.join(f'{made.number(each).text}, ' for each in motion.points)
+            values = ''.join(f'{made.number(item).text}, ' for item in motion.points)
             return f'f_pulse({values}), ', ''
         forms = MOTION_VALUES.get(name, {'p': ()})
         if name == 'pass':
             forms = {'p' * len(motion.points): ()}
         if len(motion.points) == 1 and 'p' in forms:
             return f'{made.point(motion.points[0])}, ', ''
-        codes = [made.point_or_number(each) for each in motion.points]
+        codes = [made.point_or_number(item) for item in motion.points]
         shape = ''.join('p' if code.kind == POINT else 'n' for code in codes)
         if shape not in forms:
-            text = f'{motion.name} takes {" or ".join(_spelled(each) for each in forms)}'
+            text = f'{motion.name} takes {" or ".join(_spelled(form) for form in forms)}'
             raise SyntaxProblem(motion.at, text, 'arguments')
         points = [code.text for code in codes if code.kind == POINT]
         if shape == 'ppn':  # the end, the centre
@@ -702,7 +702,7 @@ class Compiler:
         given = [self._stub_argument(argument) for argument in statement.arguments]
         given += [made.stub_argument(argument) for argument in statement.indices]
         made.note_stub(statement.name, statement.at)
-        self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{each}, " for each in given)}))')
+        self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{item}, " for item in given)}))')
 
     def _stub_argument(self, argument: Argument) -> str:
         """Return a variable by reference, because the answer may be stored in it, or a value."""
@@ -716,7 +716,7 @@ class Compiler:
 
 
 def _spelled(shape: str) -> str:
-    return f'({", ".join("point" if each == "p" else "number" for each in shape)})'
+    return f'({", ".join("point" if item == "p" else "number" for item in shape)})'
 
 
 def _gives_value(function: Function) -> bool:

@@ -83,7 +83,7 @@ def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
             if isinstance(expression, Name):
                 return made.value(expression).text
             check_count(rule, expression.arguments, expression.at)
-            given = [_once(each.value, made, before) for each in expression.arguments]
+            given = [_once(argument.value, made, before) for argument in expression.arguments]
             arguments = ', '.join(given)
             if rule.by == 'task':
                 return f't_{rule.name.lower()}(v[0], {arguments})'

@@ -123,8 +123,8 @@ def meaning(number: int) -> str:
     """Return the meaning of an error number, without the texts of a project."""
     if number in USER_ERRORS:
         return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
-    found = load_error_texts('epson').get(number)
-    return TEXTS.get(number) or (found.meaning if found else 'see the manual')
+    result = load_error_texts('epson').get(number)
+    return TEXTS.get(number) or (result.meaning if result else 'see the manual')
 
 
 class SpelError(Exception):

@@ -49,12 +49,12 @@ def exported(
     `files` must be ASCII, `when` a time with its zone. The same arguments give the same bytes.
     """
     rc = RC_VERSIONS[version]
-    guid = uuid.uuid5(_NAMESPACE, ''.join(f'{each}\n{text}' for each, text in files.items()))
-    written = {each: text.replace('\n', CRLF) for each, text in files.items() if _is_text(each)}
+    guid = uuid.uuid5(_NAMESPACE, ''.join(f'{item}\n{text}' for item, text in files.items()))
+    written = {item: text.replace('\n', CRLF) for item, text in files.items() if _is_text(item)}
     written |= {
-        each: _of_version(rc, each, text, when)
-        for each, text in files.items()
-        if not _is_text(each)
+        item: _of_version(rc, item, text, when)
+        for item, text in files.items()
+        if not _is_text(item)
     }
     blocks = {
         f'{name}.sprj': _known(rc, _project(name, list(files), rc, str(guid), when)),
@@ -62,10 +62,10 @@ def exported(
         'robot1.pts': Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', '0')]),
         f'{name}.vis': Block('', [('sGUID', quoted(_vision_id(guid))), ('nCameraNumber', '1')]),
     }
-    written |= {each: sealed(block, when) for each, block in blocks.items() if each not in files}
+    written |= {item: sealed(block, when) for item, block in blocks.items() if item not in files}
     return {
-        each: text.replace(CRLF, '\n').replace('\n', CRLF).encode('ascii')
-        for each, text in written.items()
+        item: text.replace(CRLF, '\n').replace('\n', CRLF).encode('ascii')
+        for item, text in written.items()
     }
 
 
@@ -75,8 +75,8 @@ def _is_text(name: str) -> bool:
 
 def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) -> Block:
     stamp = quoted(f'{when:%d-%m-%Y %H:%M:%S}')
-    programs = [each for each in files if each.lower().endswith(PROGRAM)]
-    includes = [each for each in files if each.lower().endswith(INCLUDE)]
+    programs = [file for file in files if file.lower().endswith(PROGRAM)]
+    includes = [file for file in files if file.lower().endswith(INCLUDE)]
     user = ['Version', 'Description', 'Notes', 'ParserEmulationVersion']
     return Block(
         '',
@@ -90,7 +90,7 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
             ),
             _block(
                 'UserProperties',
-                **{f's{each}': '""' for each in user},
+                **{f's{item}': '""' for item in user},
                 bStrictCompile=_OFF,
                 bGlobalsDeclaredEachFile=_OFF,
             ),
@@ -100,15 +100,15 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
             ('nProgramFileCount', str(len(programs))),
             *(
                 _block(
-                    f'ProgramFile{number}', sName=quoted(each), bCompiled=_OFF,
+                    f'ProgramFile{number}', sName=quoted(element), bCompiled=_OFF,
                     bStoreInController=_ON,
                 )
-                for number, each in enumerate(programs, 1)
+                for number, element in enumerate(programs, 1)
             ),
             ('nIncludeFileCount', str(len(includes))),
             *(
-                _block(f'IncludeFile{number}', sName=quoted(each), bStoreInController=_ON)
-                for number, each in enumerate(includes, 1)
+                _block(f'IncludeFile{number}', sName=quoted(element), bStoreInController=_ON)
+                for number, element in enumerate(includes, 1)
             ),
             ('nPointFileCount', '1'),
             _block('PointFile1', sName='"robot1.pts"', nRobot='1', bDefault=_ON),
@@ -145,8 +145,8 @@ def _known(rc: str, block: Block) -> Block:
     """Return a block without the items that its version of RC+ does not know."""
     if rc[0] != '6':
         return block
-    items = (_known(rc, each) if isinstance(each, Block) else each for each in block.items)
-    kept = [each for each in items if isinstance(each, Block) or each[0] not in _SINCE_7]
+    items = (_known(rc, item) if isinstance(item, Block) else item for item in block.items)
+    kept = [item for item in items if isinstance(item, Block) or item[0] not in _SINCE_7]
     return Block(block.name, kept)
 
 
@@ -161,7 +161,7 @@ def _operator_window(rc: str) -> Block:
         rFontSize='10', bFontBold=_OFF,
     )  # fmt: skip
     for names, value in zip(_OPERATOR, (_ON, _OFF, _ON), strict=True):
-        window.items += [(f'b{each}', value) for each in names]
+        window.items += [(f'b{name}', value) for name in names]
     for number in range(64 if rc[0] == '6' else 8):
         title = f'"Program {number}"' if number else '"Program"'
         window.items.append(_block(f'Program{number}', sName=title, bEnabled=_ON))
@@ -169,12 +169,12 @@ def _operator_window(rc: str) -> Block:
 
 
 def _manager() -> Block:
-    on = [(f'b{each}', _ON) for each in _MANAGER_ON.split()]
-    return Block('RobotManager', [*on, *((f'b{each}', _OFF) for each in _MANAGER_OFF.split())])
+    on = [(f'b{item}', _ON) for item in _MANAGER_ON.split()]
+    return Block('RobotManager', [*on, *((f'b{item}', _OFF) for item in _MANAGER_OFF.split())])
 
 
 def _monitor() -> Block:
-    return Block('IOMonitor', [(f'b{each}', value) for each, value in (*_MONITOR, *_MONITOR_OFF)])
+    return Block('IOMonitor', [(f'b{item}', value) for item, value in (*_MONITOR, *_MONITOR_OFF)])
 
 
 def _io_labels(rc: str) -> Block:

@@ -462,7 +462,7 @@ class Expressions:
 
     def _stub(self, name: str, arguments: tuple[Argument, ...], at: Position) -> Code:
         self.note_stub(name, at)
-        given = ''.join(f'{self.stub_argument(each)}, ' for each in arguments)
+        given = ''.join(f'{self.stub_argument(argument)}, ' for argument in arguments)
         kind = STRING if name.endswith('$') else STUB_RESULTS.get(name.lower(), INT)
         return Code(f'v[0].ask({name!r}, ({given}), {kind!r})', kind)
 

@@ -110,8 +110,8 @@ class Reader:
     def wrong(self, expected: str) -> SyntaxProblem:
         """Return the problem that another token was expected."""
         token = self.here
-        found = token.text[:40] or token.kind
-        return SyntaxProblem(token.position, f'expected {expected}, found {found}')
+        result = token.text[:40] or token.kind
+        return SyntaxProblem(token.position, f'expected {expected}, found {result}')
 
     def at_end(self) -> bool:
         """Return whether all tokens have been read."""

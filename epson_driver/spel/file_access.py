@@ -47,10 +47,10 @@ def is_file(number: float) -> bool:
 
 def opened(task: Task, name: str, number: int) -> OpenFile:
     """Return an open file. Raises SpelError."""
-    found = task.world.open_files.get(number)
-    if found is None:
+    result = task.world.open_files.get(number)
+    if result is None:
         raise bad(name, f'file {number} is not open')
-    return found
+    return result
 
 
 def _open(way: str) -> Callable[[Task, str, int], None]:

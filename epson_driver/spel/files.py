@@ -4,8 +4,8 @@
 
 Written files stay in memory. With `keep` they are written to the folder, and nowhere else. A path
 of another disk or folder stays in memory. Existing point files are changed in memory only, so that
-points of a simulated robot never replace taught ones. `Surroundings` adds the rest of a program's
-environment: stub answers and ports.
+points of a simulated robot never replace taught ones. `ProgramEnvironment` adds the
+rest of a program's environment: stub answers and ports.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,7 +47,7 @@ class Files:
     def __init__(self, folder: Path | None = None, keep: bool = False) -> None:
         self._folder = folder
         there = _inside(folder) if folder is not None and keep else []
-        self._taught = {name for each in there if (name := each.name.lower()).endswith('.pts')}
+        self._taught = {name for item in there if (name := item.name.lower()).endswith('.pts')}
         self._keep = keep
         self._written: dict[str, bytes | None] = {}
         self._folders: set[str] = set()
@@ -88,7 +88,7 @@ class Files:
     def write(self, name: str, content: bytes) -> None:
         """Write a file. Raises SpelError."""
         key = self.path(name)
-        others = sum(len(each) for path, each in self._written.items() if each and path != key)
+        others = sum(len(item) for path, item in self._written.items() if item and path != key)
         if others + len(content) > MOST_BYTES:
             raise _bad(f'{name}: more than {MOST_BYTES} bytes')
         if self._keep and key not in self._taught:
@@ -159,10 +159,10 @@ class Files:
             return None
         place = self._folder
         for part in key.split('/') if key else []:
-            found = [each for each in _inside(place) if each.name.lower() == part]
-            if not found or found[0].is_symlink():
+            result = [item for item in _inside(place) if item.name.lower() == part]
+            if not result or result[0].is_symlink():
                 return None
-            place = found[0]
+            place = result[0]
         return place
 
     def _target(self, name: str, key: str) -> Path:
@@ -197,7 +197,7 @@ class Stubs:
     """
 
     def __init__(self, answers: Mapping[str, Sequence[Answer]]) -> None:
-        self._answers = {' '.join(key.lower().split()): each for key, each in answers.items()}
+        self._answers = {' '.join(key.lower().split()): item for key, item in answers.items()}
         self._given: dict[str, int] = {}
 
     def answer(self, name: str, arguments: Sequence[object]) -> Answer:
@@ -215,7 +215,7 @@ class Stubs:
 
 
 @dataclass
-class Surroundings:
+class ProgramEnvironment:
     """Answers, port settings and files.
 
     `ports`: settings of ports 201 to 216 in RC+'s system configuration, valid until SetNet.
@@ -225,7 +225,7 @@ class Surroundings:
     ports: Mapping[int, NetSettings] = field(default_factory=dict)
     files: Files = field(default_factory=Files)
 
-    def fresh(self) -> 'Surroundings':
+    def fresh(self) -> 'ProgramEnvironment':
         """Return a copy with unmodified files."""
         return replace(self, files=self.files.fresh())
 
@@ -239,20 +239,20 @@ def read_answers(path: Path) -> dict[str, list[Answer]]:
 
     Raises InputError.
     """
-    found: dict[str, list[Answer]] = {}
+    result: dict[str, list[Answer]] = {}
     content = read_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f'{path}: must have lines WORD: ANSWERS')
     for key, given in content.items():
         word = str(key).split()[0].lower() if str(key).split() else ''
         if word not in WORDS:
-            near = near_name(word, [each.name for each in WORDS.values()])
+            near = near_name(word, [item.name for item in WORDS.values()])
             meant = f': did you mean {near}?' if near else ''
             raise InputError(f'{path}: {key} is no word of SPEL+{meant}')
         answers = given if isinstance(given, list) else [given]
-        for each in answers:
-            values = each if isinstance(each, list) else [each]
+        for answer in answers:
+            values = answer if isinstance(answer, list) else [answer]
             if not all(value is None or isinstance(value, int | float | str) for value in values):
                 raise InputError(f'{path}: {key}: an answer is a value, or a list of values')
-        found[str(key)] = answers
-    return found
+        result[str(key)] = answers
+    return result

@@ -48,7 +48,7 @@ def changed(point: Point, operator: str, axis: str, value: float) -> Point:
         return replace(point, values=tuple(values))
     step = -value if operator == '-' else value
     along = _TURNED.get(axis, axis[2:])
-    offset = Point('xy', tuple(step if along == each else 0.0 for each in AXES[:6]))
+    offset = Point('xy', tuple(step if along == item else 0.0 for item in AXES[:6]))
     if axis in TURNS:
         turned = combined(offset, replace(point, values=(0.0, 0.0, 0.0, *point.values[3:])))
         return replace(point, values=(*point.values[:3], *turned.values[3:]))
@@ -128,12 +128,12 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
 
     A single point is the frame itself. Raises SpelError, about the statement of that name.
     """
-    if any(each.kind != 'xy' for each in points) or len(points) not in (1, 3):
+    if any(point.kind != 'xy' for point in points) or len(points) not in (1, 3):
         raise bad(name, 'takes a place, or an origin and points on X and Y')
     origin = points[0]
     if len(points) == 1:
         return replace(origin, flags=())
-    first, second = (_away(origin, each) for each in points[1:])
+    first, second = (_away(origin, point) for point in points[1:])
     normal = _cross(first, second)
     if math.hypot(*normal) < 1e-6:
         raise bad(name, 'the points are in one line')
@@ -167,7 +167,7 @@ def frame_between(
 
 
 def _step(first: Point, second: Point, share: float) -> Point:
-    return Point('xy', (*(share * each for each in _away(first, second)), 0.0, 0.0, 0.0))
+    return Point('xy', (*(share * item for item in _away(first, second)), 0.0, 0.0, 0.0))
 
 
 def _heading(first: Point, second: Point) -> float:
@@ -185,7 +185,7 @@ def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
 
 def _unit(vector: Sequence[float]) -> tuple[float, ...]:
     length = math.hypot(*vector)
-    return tuple(each / length for each in vector)
+    return tuple(item / length for item in vector)
 
 
 def _tool_turn(frame: Point) -> _Turn:
@@ -198,8 +198,8 @@ def _tool_turn(frame: Point) -> _Turn:
 
 def _matrix(point: Point) -> _Turn:
     """Return the rotation matrix of U about Z, V about Y, W about X."""
-    u, v, w = (math.radians(each) for each in point.values[3:6])
-    cu, su, cv, sv, cw, sw = (f(each) for each in (u, v, w) for f in (math.cos, math.sin))
+    u, v, w = (math.radians(value) for value in point.values[3:6])
+    cu, su, cv, sv, cw, sw = (f(item) for item in (u, v, w) for f in (math.cos, math.sin))
     return (
         (cu * cv, cu * sv * sw - su * cw, cu * sv * cw + su * sw),
         (su * cv, su * sv * sw + cu * cw, su * sv * cw - cu * sw),
@@ -221,8 +221,8 @@ def _values(place: Sequence[float], turn: Sequence[Sequence[float]]) -> tuple[fl
         u, w = math.atan2(-turn[0][1], turn[1][1]), 0.0
     else:
         u, w = math.atan2(turn[1][0], turn[0][0]), math.atan2(turn[2][1], turn[2][2])
-    angles = (math.degrees(each) for each in (u, v, w))
-    return tuple(round(each, PLACES) + 0.0 for each in (*place, *angles))
+    angles = (math.degrees(item) for item in (u, v, w))
+    return tuple(round(item, PLACES) + 0.0 for item in (*place, *angles))
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,7 +116,7 @@ class Network(Protocol):
     def close_net(self, port: int) -> None:
         """Close a port if it is open."""
 
-    def orphan_net(self, port: int) -> None:
+    def release_owner(self, port: int) -> None:
         """Stop serving new peers, because the task that opened the port has ended."""
 
     def connected(self, port: int) -> bool:

@@ -55,7 +55,7 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
     if len(text) > LONGEST_LINE:
         where = Position(file, line, LONGEST_LINE)
         raise SyntaxProblem(where, 'the line is too long: RC+ takes 512 characters', 'line-length')
-    found: list[Token] = []
+    result: list[Token] = []
     at = 0
     while at < len(text):
         position = Position(file, line, column + at)
@@ -67,12 +67,12 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
         if kind in ('space', 'comment'):
             continue
         if kind == 'string':
-            found.append(Token(STRING, word, position, word[1:-1]))
+            result.append(Token(STRING, word, position, word[1:-1]))
         elif kind in ('hex', 'binary', 'number'):
-            found.append(Token(NUMBER, word, position, _number(kind, word, position)))
+            result.append(Token(NUMBER, word, position, _number(kind, word, position)))
         else:
-            found.append(Token(NAME if kind == 'name' else SYMBOL, word, position))
-    return found
+            result.append(Token(NAME if kind == 'name' else SYMBOL, word, position))
+    return result
 
 
 def _unreadable(character: str) -> str:

@@ -107,10 +107,10 @@ def _find(text: str, part: str) -> int:
 
 def value_of(text: str) -> float:
     """Return the number at the start of a text, 0 without one. Raises SpelError."""
-    found = _NUMBER.match(text)
-    if found is None:
+    result = _NUMBER.match(text)
+    if result is None:
         return 0.0
-    word = found[1]
+    word = result[1]
     if word[0] == '&':
         return float(int(word[2:], {'h': 16, 'o': 8, 'b': 2}[word[1].lower()]))
     number = float(word)
@@ -162,15 +162,15 @@ def _format(value: float, pattern: str) -> str:
 
     Commas at the end of the whole part divide by 1000, other commas are thousands separators.
     """
-    found = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
-    if found is None:
+    result = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
+    if result is None:
         raise bad('FmtStr$', f'{pattern[:40]!r} may have 0, #, commas and one point only')
-    value /= 1000 ** len(found[2])
-    whole, broken = found[1].replace(',', ''), found[3] or ''
+    value /= 1000 ** len(result[2])
+    whole, broken = result[1].replace(',', ''), result[3] or ''
     digits = f'{abs(value):.{len(broken)}f}'
     before, _, after = digits.partition('.')
     before = before.lstrip('0').rjust(whole.count('0'), '0')
-    if ',' in found[1]:
+    if ',' in result[1]:
         before = re.sub(r'(?<=\d)(?=(\d{3})+$)', ',', before)
     for sign in reversed(broken):
         if sign == '#' and after.endswith('0'):

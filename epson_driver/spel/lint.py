@@ -130,12 +130,12 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
         elif name.lower().endswith(PROJECT):
             with suppress(RcFileError):  # build_with reports it
                 problems.extend(_missing(name, text, files))
-        elif fault := min((header_fault(each) for each in encoded(text)), key=len):
+        elif fault := min((header_fault(item) for item in encoded(text)), key=len):
             problems.append(Problem(Position(name, 1), 'project-file', fault, warning=True))
     for rule in lint.rules:
         problems.extend(rule())
     lines = {name: text.split('\n') for name, text in files.items()}
-    wanted = (each for each in set(problems) if not _switched_off(each, lines))
+    wanted = (problem for problem in set(problems) if not _switched_off(problem, lines))
     return sorted(wanted, key=lambda each: (each.position, each.rule, each.text))
 
 
@@ -146,7 +146,7 @@ def _asks_for_error(handler: Block) -> bool:
         if isinstance(node, Assign) and getattr(node.value, 'name', '').lower() == 'err':
             kept.add(node.target.name.lower())
     tests = [test for node in walk(handler) if isinstance(node, If) for test, _ in node.branches]
-    return any(getattr(each, 'name', '').lower() in kept for each in walk(tests))
+    return any(getattr(item, 'name', '').lower() in kept for item in walk(tests))
 
 
 def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
@@ -154,23 +154,23 @@ def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
     lines = files.get(problem.position.file, [''])
     if not problem.warning or not 0 < problem.position.line <= len(lines):
         return False
-    found = re.search(r"'.*\bcheck off:([a-z, -]*)", lines[problem.position.line - 1])
-    return found is not None and problem.rule in found[1].replace(',', ' ').split()
+    result = re.search(r"'.*\bcheck off:([a-z, -]*)", lines[problem.position.line - 1])
+    return result is not None and problem.rule in result[1].replace(',', ' ').split()
 
 
 def _missing(name: str, text: str, files: Mapping[str, str]) -> Iterator[Problem]:
-    there = {each.lower() for each in files}
+    there = {file.lower() for file in files}
     for listed in listed_files(parsed(name, text)):
         if listed.lower().endswith(PROGRAM) and listed.lower() not in there:
-            said = f'{listed} is missing: all .prg files are built'
-            yield Problem(Position(name, 1), 'project-file', said, warning=True)
+            message = f'{listed} is missing: all .prg files are built'
+            yield Problem(Position(name, 1), 'project-file', message, warning=True)
 
 
 def _long_lines(name: str, text: str) -> Iterator[Problem]:
     for number, line in enumerate(text.split('\n'), 1):
         if len(line) > LONGEST_LINE:
-            said = f'the line has {len(line)} characters: RC+ accepts {LONGEST_LINE}'
-            yield Problem(Position(name, number, LONGEST_LINE + 1), 'line-length', said)
+            message = f'the line has {len(line)} characters: RC+ accepts {LONGEST_LINE}'
+            yield Problem(Position(name, number, LONGEST_LINE + 1), 'line-length', message)
 
 
 def _task_names(body: Any) -> Iterator[Any]:
@@ -247,21 +247,21 @@ class _Lint:
         return [
             node
             for file in self.program.files
-            for node in walk([*file.declarations, *(each.body for each in file.functions)])
+            for node in walk([*file.declarations, *(function.body for function in file.functions)])
         ]
 
     # The call graph
 
     def _called(self, function: Function) -> set[str]:
         """Return the functions that a function calls directly, in lower case."""
-        found = set()
+        result = set()
         named = set(map(id, _task_names(function.body)))
         for node in walk(function.body):
             if not isinstance(node, Call | Apply | Name) or id(node) in named:
                 continue
             if node.name.lower() in self.functions:
-                found.add(node.name.lower())
-        return found
+                result.add(node.name.lower())
+        return result
 
     def _reached(self, root: str) -> set[str]:
         """Return a function and all functions that it calls."""
@@ -459,8 +459,8 @@ class _Lint:
             if fallen and not _asks_for_error(block[place:]):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)
-            for each in inner_blocks(statement):
-                yield from self._fallen_into(each, handlers)
+            for item in inner_blocks(statement):
+                yield from self._fallen_into(item, handlers)
             before = statement
 
     def _wait_variables(self) -> Iterator[Problem]:
@@ -473,9 +473,9 @@ class _Lint:
                     condition = node.condition
                 elif isinstance(node, Motion) and not isinstance(node.till, bool):
                     condition = node.till
-                for each in walk(condition) if condition is not None else ():
-                    if isinstance(each, Name) and each.name.lower() in self._shared:
-                        watched.setdefault(each.name.lower(), each.at)
+                for item in walk(condition) if condition is not None else ():
+                    if isinstance(item, Name) and item.name.lower() in self._shared:
+                        watched.setdefault(item.name.lower(), item.at)
                 for argument in getattr(node, 'arguments', ()):
                     if getattr(argument, 'by_reference', False):
                         value = argument.value
@@ -504,16 +504,16 @@ class _Lint:
                     yield from self._guard(node)
 
     def _booleans(self) -> set[str]:
-        found = set()
+        match = set()
         for node in self._whole:
             if isinstance(node, Declaration) and node.type == 'boolean':
-                found |= {variable.name.lower() for variable in node.variables}
+                match |= {variable.name.lower() for variable in node.variables}
         for file in self.program.files:
             for function in file.functions:
-                found |= {p.name.lower() for p in function.parameters if p.type == 'boolean'}
+                match |= {p.name.lower() for p in function.parameters if p.type == 'boolean'}
                 if function.result == 'boolean':
-                    found.add(function.name.lower())
-        return found
+                    match.add(function.name.lower())
+        return match
 
     def _true(self, node: Binary, booleans: set[str]) -> Iterator[Problem]:
         for one, other in ((node.left, node.right), (node.right, node.left)):
@@ -531,27 +531,27 @@ class _Lint:
     def _guard(self, node: Binary) -> Iterator[Problem]:
         """Find `i <= 3 And a(i) = 1` where 3 is the bound of a: a(4) is evaluated nevertheless."""
         guarded: dict[str, set[int]] = {}
-        for each in walk(node.left):
-            if isinstance(each, Binary) and each.operator in _LAST and isinstance(each.left, Name):
-                limit = constant(each.right, CONSTANTS)
+        for item in walk(node.left):
+            if isinstance(item, Binary) and item.operator in _LAST and isinstance(item.left, Name):
+                limit = constant(item.right, CONSTANTS)
                 if isinstance(limit, int):
-                    last = limit + _LAST[each.operator]
-                    guarded.setdefault(each.left.name.lower(), set()).add(last)
-        for each in walk(node.right):
-            bounds = self._bounds.get(each.name.lower()) if isinstance(each, Apply) else None
-            if bounds is None or len(bounds) != len(each.arguments):
+                    last = limit + _LAST[item.operator]
+                    guarded.setdefault(item.left.name.lower(), set()).add(last)
+        for item in walk(node.right):
+            bounds = self._bounds.get(item.name.lower()) if isinstance(item, Apply) else None
+            if bounds is None or len(bounds) != len(item.arguments):
                 continue
-            for argument, bound in zip(each.arguments, bounds, strict=True):
+            for argument, bound in zip(item.arguments, bounds, strict=True):
                 index = argument.value
                 if isinstance(index, Name) and guarded.get(index.name.lower(), set()) & {bound, 0}:
-                    text = f'And evaluates both sides: it does not guard {each.name}({index.name})'
-                    yield Problem(each.at, 'and-guard', text, warning=True)
+                    text = f'And evaluates both sides: it does not guard {item.name}({index.name})'
+                    yield Problem(item.at, 'and-guard', text, warning=True)
 
     @cached_property
     def _bounds(self) -> dict[str, tuple[int | float | None, ...]]:
         """The upper bounds of all arrays by name."""
         return {
-            node.name.lower(): tuple(constant(each, CONSTANTS) for each in node.bounds)
+            node.name.lower(): tuple(constant(bound, CONSTANTS) for bound in node.bounds)
             for node in self._whole
             if isinstance(node, VariableName) and node.bounds
         }
@@ -582,8 +582,8 @@ def _nested(block: tuple[Statement, ...], depth: int, loop: bool) -> Iterator[Pr
         if within > DEEPEST_FOR and isinstance(statement, For):
             text = f'more than {DEEPEST_FOR} nested For loops'
             yield Problem(statement.at, 'for-depth', text)
-        for each in inner_blocks(statement):
-            yield from _nested(each, within, loop or isinstance(statement, Do | For))
+        for item in inner_blocks(statement):
+            yield from _nested(item, within, loop or isinstance(statement, Do | For))
 
 
 def _long(name: str, most: int, at: Position) -> Iterator[Problem]:

@@ -57,7 +57,7 @@ def leaves(statement: Statement) -> bool:
     if isinstance(statement, Do):
         tests = [test for test in (statement.before, statement.after) if test is not None]
         ends = any(_truth(test.condition) is not (not test.until) for test in tests)
-        return not ends and not any(_leaves_loop(each) for each in walk(statement.body))
+        return not ends and not any(_leaves_loop(item) for item in walk(statement.body))
     if isinstance(statement, If | Select):
         blocks = inner_blocks(statement)
         return all(block and leaves(block[-1]) for block in blocks)
@@ -90,8 +90,8 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
         if before is not None and plain and leaves(before):
             text = f'unreachable: line {before.at.line} leaves this path'
             yield Problem(statement.at, 'unreachable', text, warning=True)
-        for each in inner_blocks(statement):
-            yield from _dead(each)
+        for item in inner_blocks(statement):
+            yield from _dead(item)
         before = statement
 
 
@@ -101,7 +101,7 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
     An occurrence in a comment or in an inactive #ifdef counts as a use.
     """
     times = Counter(name for text in files.values() for name in _names(text))
-    functions = [each for file in program.files for each in file.functions]
+    functions = [element for file in program.files for element in file.functions]
     words = {node.name.lower() for node in walk(program.files) if isinstance(node, Command | Stub)}
     if 'main' in roots and not words & _WINDOWS:
         for function in functions:
@@ -110,12 +110,14 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
                 text = f'{function.name} is never called'
                 yield Problem(function.at, 'unused', text, warning=True)
     for file in program.files:
-        module = [each for each in file.declarations if each.scope == 'module']
+        module = [
+            declaration for declaration in file.declarations if declaration.scope == 'module'
+        ]
         yield from _once(module, Counter(_names(files.get(file.name, ''))))
         lines = files.get(file.name, '').split('\n')
         for function in file.functions:
             text = '\n'.join(lines[function.at.line - 1 : function.end.line])
-            own = [each for each in walk(function.body) if isinstance(each, Declaration)]
+            own = [item for item in walk(function.body) if isinstance(item, Declaration)]
             yield from _once(own, Counter(_names(text)))
 
 
@@ -259,35 +261,35 @@ def _device(port: Expression | None) -> Iterator[Problem]:
 
 def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str, tuple[int, ...]]:
     """Return the upper bounds of a function's arrays, except arrays that are resized."""
-    found: dict[str, tuple[int, ...]] = {}
+    result: dict[str, tuple[int, ...]] = {}
     seen = [
         declaration
         for file in program.files
         for declaration in file.declarations
         if declaration.scope != 'module' or function in file.functions
     ]
-    seen += [each for each in walk(function.body) if isinstance(each, Declaration)]
+    seen += [item for item in walk(function.body) if isinstance(item, Declaration)]
     for declaration in seen:
         for variable in declaration.variables:
-            numbers = [_number(each) for each in variable.bounds]
+            numbers = [_number(bound) for bound in variable.bounds]
             name = variable.name.lower()
-            found.pop(name, None)
-            if numbers and all(isinstance(each, int) for each in numbers):
-                found[name] = tuple(int(each) for each in numbers if each is not None)
-    for name in {*resized, *(each.name.lower() for each in function.parameters)}:
-        found.pop(name, None)
-    return found
+            result.pop(name, None)
+            if numbers and all(isinstance(number, int) for number in numbers):
+                result[name] = tuple(int(number) for number in numbers if number is not None)
+    for name in {*resized, *(parameter.name.lower() for parameter in function.parameters)}:
+        result.pop(name, None)
+    return result
 
 
 def _resized(program: Program) -> set[str]:
     """Return the arrays that Redim and ParseStr resize."""
-    found = set()
+    result = set()
     for node in walk([file.functions for file in program.files]):
         if isinstance(node, Redim):
-            found.add(node.name.lower())
+            result.add(node.name.lower())
         elif isinstance(node, Command | Apply) and node.name.lower() == 'parsestr':
-            found |= {getattr(each, 'name', '').lower() for each in walk(node.arguments)}
-    return found
+            result |= {getattr(item, 'name', '').lower() for item in walk(node.arguments)}
+    return result
 
 
 def _index(node: Apply, bounds: tuple[int, ...]) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ from epson_driver.spel.code import FunctionCode, Program
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.file_access import FILE_FUNCTIONS, FILE_STATEMENTS
-from epson_driver.spel.files import Surroundings
+from epson_driver.spel.files import ProgramEnvironment
 from epson_driver.spel.host import Host, Memory
 from epson_driver.spel.library import VALUE_FUNCTIONS, power, remainder
 from epson_driver.spel.point_actions import (
@@ -41,10 +41,10 @@ from epson_driver.spel.task import (
     Frame,
     Instruction,
     Linked,
+    SharedState,
     Task,
     TaskState,
     Timing,
-    World,
     blank,
 )
 from epson_driver.spel.values import (
@@ -125,9 +125,11 @@ class Machine:
         timing: Timing | None = None,
         rounding: str = 'nearest',
         started: datetime = STARTED,
-        around: Surroundings | None = None,
+        around: ProgramEnvironment | None = None,
     ) -> None:
-        self.world = World(program, host, timing or Timing(), started, around or Surroundings())
+        self.world = SharedState(
+            program, host, timing or Timing(), started, around or ProgramEnvironment()
+        )
         self._turn = max(int(self.world.timing.turn / self.world.timing.statement), 1)
         self._last = 0
         self._next_scan = 0.0
@@ -185,10 +187,10 @@ class Machine:
         self.world.linked += [self._linked(code) for code in program.functions]
 
     def _linked(self, code: FunctionCode) -> Linked:
-        found: list[Instruction] = [
+        result: list[Instruction] = [
             self._names[f'o{code.index}_{number}'] for number in range(len(code.source))
         ]
-        return Linked(code, found, bytearray(len(found)))
+        return Linked(code, result, bytearray(len(result)))
 
     # Actions of users and the controller
 
@@ -234,14 +236,14 @@ class Machine:
 
     def preserved(self) -> dict[str, list[Value]]:
         """Return the preserved variables by name."""
-        found: dict[str, list[Value]] = {}
+        result: dict[str, list[Value]] = {}
         for slot, variable in enumerate(self.world.program.variables):
             if variable.preserved:
                 held = self.world.g[slot]
-                found[variable.name] = (
+                result[variable.name] = (
                     list(held.d) if isinstance(held, Array) else [held]  # type: ignore[list-item]
                 )
-        return found
+        return result
 
     def restore(self, values: dict[str, list[Value]]) -> None:
         """Set the values of `preserved`, except variables that have changed since."""
@@ -297,9 +299,9 @@ class Machine:
 
     def last_event(self, name: str) -> bool:
         """Start the Trap for 'abort' or 'finish', and remove all event Traps (p855)."""
-        begun = self.event(name)
+        started = self.event(name)
         self.world.event_traps.clear()
-        return begun
+        return started
 
     # Queries
 
@@ -336,14 +338,14 @@ class Machine:
 
     def lines(self) -> dict[str, dict[int, bool]]:
         """Return the lines with instructions by file, and whether each has run completely."""
-        found: dict[str, dict[int, bool]] = {}
+        result: dict[str, dict[int, bool]] = {}
         for linked in self.world.linked:
             for pc, at in enumerate(linked.code.lines):
                 if pc in linked.code.passed_over:
                     continue
-                executed = found.setdefault(at.file, {})
+                executed = result.setdefault(at.file, {})
                 executed[at.line] = executed.get(at.line, True) and bool(linked.hits[pc])
-        return found
+        return result
 
     # Time
 
@@ -414,7 +416,7 @@ class Machine:
     def _wake(self) -> None:
         """Resume the tasks whose time is over or whose test is met."""
         time = self.world.time
-        for due, action in [each for each in self.world.later if each[0] <= time]:
+        for due, action in [item for item in self.world.later if item[0] <= time]:
             self.world.later.remove((due, action))
             with suppress(SpelError):  # it may be refused by now, without a task to report it to
                 action()

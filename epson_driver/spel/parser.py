@@ -118,20 +118,20 @@ class Parser(Statements):
 
     def file(self) -> File:
         """Return the parsed file, and add its problems to the list."""
-        while (found := self._take()) is not None:
+        while (result := self._take()) is not None:
             try:
-                self._outside(found)
+                self._outside(result)
             except SyntaxProblem as problem:
                 self._refuse(problem)
-                if found[0].lower == 'function':
+                if result[0].lower == 'function':
                     self._skip_function()
         return self._file
 
     def _skip_function(self) -> None:
         """Skip the rest of a function that cannot be read."""
-        while (found := self._peek()) is not None and found[0].lower != 'function':
+        while (result := self._peek()) is not None and result[0].lower != 'function':
             self._take()
-            if found[0].lower == 'fend':
+            if result[0].lower == 'fend':
                 return
 
     # Lines and statements
@@ -148,10 +148,10 @@ class Parser(Statements):
         return self._queue[0] if self._queue else None
 
     def _take(self) -> list[Token] | None:
-        found = self._peek()
-        if found is not None:
+        result = self._peek()
+        if result is not None:
             self._queue.pop(0)
-        return found
+        return result
 
     def _rest_of_line(self) -> list[list[Token]]:
         rest, self._queue = self._queue, []
@@ -206,18 +206,18 @@ class Parser(Statements):
         """Read statements up to, but not including, a word that ends a block."""
         self._depth += 1
         read: list[Statement] = []
-        while (found := self._peek()) is not None:
-            word = found[0].lower
+        while (result := self._peek()) is not None:
+            word = result[0].lower
             if word in ends or word in ('fend', 'function'):
                 break
             self._take()
             try:
                 if self._depth > DEEPEST_BLOCK:
-                    raise SyntaxProblem(found[0].position, 'blocks are nested too deeply')
+                    raise SyntaxProblem(result[0].position, 'blocks are nested too deeply')
                 if word in _ENDS:
-                    text = f'{found[0].text} without {_ENDS[word]}'
-                    raise SyntaxProblem(found[0].position, text)
-                read.extend(self._statement(found))
+                    text = f'{result[0].text} without {_ENDS[word]}'
+                    raise SyntaxProblem(result[0].position, text)
+                read.extend(self._statement(result))
             except SyntaxProblem as problem:
                 self._refuse(problem)
         self._depth -= 1
@@ -225,12 +225,12 @@ class Parser(Statements):
 
     def _closing(self, kind: str, at: Position, *words: str) -> Reader:
         """Read the statement that ends a block."""
-        found = self._peek()
-        if found is None or found[0].lower not in words:
+        result = self._peek()
+        if result is None or result[0].lower not in words:
             text = f'{kind} of line {at.line} has no {_CLOSING[kind]}'
             raise SyntaxProblem(at, text)
         self._take()
-        return self._reader(found)
+        return self._reader(result)
 
     def _statement(self, found: list[Token]) -> list[Statement]:
         first = found[0]
@@ -334,7 +334,7 @@ class Parser(Statements):
         parts = _split_at_else(rest)
         for index, part in enumerate(parts):
             body: list[Statement] = []
-            pending = [each for each in part if each]
+            pending = [item for item in part if item]
             while pending:
                 tokens = pending.pop(0)
                 self._queue = pending  # a nested If uses the rest of the line
@@ -357,7 +357,7 @@ class Parser(Statements):
         default: Block = ()
         ends = ('case', 'default', 'send')
         stray = self._block(ends)
-        if stray and not all(isinstance(each, Label) for each in stray):
+        if stray and not all(isinstance(item, Label) for item in stray):
             text = 'statements between Select and its first Case are never executed'
             self._problems.append(Problem(stray[0].at, 'syntax', text))
         while True:
@@ -466,7 +466,7 @@ def _coordinates(first: Expression, reader: Reader) -> Expression:
             raise SyntaxProblem(last.at, 'expected a posture of the point')
         flags.insert(0, PointFlag(last.left, word.lower(), last.at))
         values[-1] = last.left
-    point: Expression = Apply('XY', tuple(Argument(each) for each in values), first.at)
+    point: Expression = Apply('XY', tuple(Argument(value) for value in values), first.at)
     for flag in flags:
         point = replace(flag, point=point)
     return point
@@ -492,8 +492,8 @@ def _displayed(first: Token) -> Print:
     """Return the Print of a statement without arguments, which displays its function's values."""
     whole = Name(first.text, first.position)
     parts = (
-        Apply(first.text, (Argument(Number(each, first.position)),), first.position)
-        for each in SHOWN[first.lower]
+        Apply(first.text, (Argument(Number(item, first.position)),), first.position)
+        for item in SHOWN[first.lower]
     )
     return Print(None, tuple(parts) or (whole,), True, first.position)
 

@@ -66,14 +66,14 @@ def list_points(task: Task, first: int | None = None, last: int | None = None) -
     if last is None:
         last = LAST_POINT if first is None else first
     for number in range(first or 0, last + 1):
-        found = task.world.points.get(number)
-        if found is not None:
-            turns = found.values[4:]
-            scara = not any(turns) and {'a', 'b'}.isdisjoint(found.flags)
-            shown = found.values[:4] if scara else found.values
+        result = task.world.points.get(number)
+        if result is not None:
+            turns = result.values[4:]
+            scara = not any(turns) and {'a', 'b'}.isdisjoint(result.flags)
+            shown = result.values[:4] if scara else result.values
             values = ', '.join(f'{value:8.3f}' for value in shown)
-            flags = ''.join(f' /{flag.upper()}' for flag in found.flags if not flag.isdigit())
-            text = f'P{number} = XY({values} ){flags} /{local_of(found)}\n'
+            flags = ''.join(f' /{flag.upper()}' for flag in result.flags if not flag.isdigit())
+            text = f'P{number} = XY({values} ){flags} /{local_of(result)}\n'
             print_terminal(task, text)
 
 
@@ -108,8 +108,8 @@ def _posture(name: str) -> Callable[..., None]:
 
     def run(task: Task, number: int | None = None, value: float | None = None) -> None:
         if number is None or value is None:  # display only
-            found = None if number is None else point(task, number)
-            print_terminal(task, f'{show(task, found)}\n')
+            result = None if number is None else point(task, number)
+            print_terminal(task, f'{show(task, result)}\n')
             return
         if name in ANGLES:
             flag = f'{ANGLES[name]}{value:g}'
@@ -123,9 +123,9 @@ def _posture(name: str) -> Callable[..., None]:
 
 def _posture_of(name: str) -> Callable[..., int]:
     def read(task: Task, of: Point | None = None) -> int:
-        found = task.value('here', ()) if of is None else of
-        assert isinstance(found, Point)  # noqa: S101 - Here is one
-        flag = next((each for each in found.flags if subject(each) == ANGLES.get(name, name)), '')
+        result = task.value('here', ()) if of is None else of
+        assert isinstance(result, Point)  # noqa: S101 - Here is one
+        flag = next((item for item in result.flags if subject(item) == ANGLES.get(name, name)), '')
         if name in ANGLES:
             return nearest(float(flag[3:] or 0))
         return _first(name) + (POSTURES[name].index(flag) if flag else 0)
@@ -142,9 +142,9 @@ def _least_motion(task: Task, of: Point, near: Point | None = None, number: int 
     """Return LJM: the point in the posture of the least motion (p508), in its own local."""
     here = near or task.value('here', ())
     assert isinstance(here, Point)  # noqa: S101 - Here is one
-    found = task.value('ljm', (of, here, number))
-    assert isinstance(found, Point)  # noqa: S101 - LJM is one
-    for flag in found.flags:
+    result = task.value('ljm', (of, here, number))
+    assert isinstance(result, Point)  # noqa: S101 - LJM is one
+    for flag in result.flags:
         of = of.flagged(flag)
     return of
 
@@ -153,20 +153,20 @@ def distance(task: Task, first: Point, second: Point) -> float:
     """Return Dist, mm."""
     a, b = task.world.placed((first, second))
     if a.kind != 'xy' or b.kind != 'xy':
-        a, b = (task.world.host.stored_point(each) for each in (a, b))
+        a, b = (task.world.host.stored_point(item) for item in (a, b))
     return math.dist(a.values[:3], b.values[:3])
 
 
 def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] = ()) -> None:
     """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points[, L|R] (p514)."""
     task.may('local')
-    points = [task.world.host.stored_point(each) for each in given]
+    points = [task.world.host.stored_point(item) for item in given]
     if 'pair' in words:
         if len(points) != 4:
             raise bad('Local', 'takes two pairs of points')
         pairs = list(zip(points[::2], task.world.placed(points[1::2]), strict=True))
-        share = 0.0 if 'l' in words else 1.0 if 'r' in words else 0.5
-        frame = frame_between(pairs, share, 'baseu' in words)
+        fraction = 0.0 if 'l' in words else 1.0 if 'r' in words else 0.5
+        frame = frame_between(pairs, fraction, 'baseu' in words)
     else:
         frame = frame_of('Local', task.world.placed(points), 'y' if 'y' in words else 'x')
     task.world.locals[number] = frame
@@ -189,10 +189,10 @@ def _arch(task: Task, number: int, which: int) -> float:
 
 
 def _local(task: Task, number: int) -> Point:
-    found = task.world.locals.get(number)
-    if found is None:
+    result = task.world.locals.get(number)
+    if result is None:
         raise bad('Local', f'{number} is not defined')
-    return Point('xy', found.values[:6])
+    return Point('xy', result.values[:6])
 
 
 POINT_STATEMENTS: dict[str, Callable[..., None]] = {
@@ -252,7 +252,7 @@ def define_plane(task: Task, number: int, *given: Any) -> None:
     """Plane n, [robot,] place, or an origin and points on X and Y: its +Z side is inside."""
     task.may('plane')
     robot = None if isinstance(given[0], Point) else given[0]
-    points = [task.world.host.stored_point(each) for each in given if isinstance(each, Point)]
+    points = [task.world.host.stored_point(item) for item in given if isinstance(item, Point)]
     frame = frames.frame_of('Plane', task.world.placed(points))
     task.world.areas[_key('plane', number, robot)] = Area((-inf, -inf, 0.0), (inf,) * 3, frame)
 

@@ -84,15 +84,15 @@ def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
 def close_net(task: Task, number: float | None) -> None:
     """CloseNet #n|All: ports that belong to no other task."""
     numbers = list(task.world.ports) if number is None else [nearest(number)]
-    for each in numbers:
-        port = port_of(task, 'CloseNet', each)
+    for item in numbers:
+        port = port_of(task, 'CloseNet', item)
         if _taken(task, port):
             if number is None:
                 continue
-            text = f'CloseNet: port {each} was opened by task {port.owner}{ONE_TASK}'
+            text = f'CloseNet: port {item} was opened by task {port.owner}{ONE_TASK}'
             raise SpelError(ErrorNumber.PORT_IN_USE, text)
         if port.owner:
-            task.world.host.network.close_net(each)
+            task.world.host.network.close_net(item)
             port.owner = 0
 
 

@@ -108,9 +108,9 @@ class Preprocessor:
             return
         if not active:
             return
-        found = tokens(line, name, number)
-        if found:
-            yield Line(found[0].position, tuple(self._expanded(found)))
+        result = tokens(line, name, number)
+        if result:
+            yield Line(result[0].position, tuple(self._expanded(result)))
 
     def _conditional(
         self, word: str, position: Position, rest: str, conditions: list[_Condition]
@@ -155,17 +155,17 @@ class Preprocessor:
         parameters: tuple[str, ...] | None = None
         end = name.position.column + len(name.text)
         if rest and rest[0].text == '(' and rest[0].position.column == end:
-            closing = next((i for i, each in enumerate(rest) if each.text == ')'), None)
+            closing = next((i for i, element in enumerate(rest) if element.text == ')'), None)
             if closing is None:
                 raise SyntaxProblem(position, '#define: the parameters lack a )', 'preprocessor')
             inner, rest = rest[1:closing], rest[closing + 1 :]
             names, commas = inner[::2], inner[1::2]
-            wrong = any(each.kind != NAME for each in names)
-            wrong = wrong or any(each.text != ',' for each in commas)
+            wrong = any(item.kind != NAME for item in names)
+            wrong = wrong or any(comma.text != ',' for comma in commas)
             if wrong or (inner and len(inner) % 2 == 0) or len(names) > MOST_PARAMETERS:
                 text = f'#define takes at most {MOST_PARAMETERS} names as parameters'
                 raise SyntaxProblem(position, text, 'preprocessor')
-            parameters = tuple(each.lower for each in names)
+            parameters = tuple(item.lower for item in names)
         self.definitions[name.lower] = Definition(parameters, tuple(rest))
 
     def _expanded(self, found: list[Token]) -> list[Token]:
@@ -191,7 +191,7 @@ class Preprocessor:
             if definition.parameters is not None:
                 arguments, at = _arguments(found, at, token, len(definition.parameters))
                 named = dict(zip(definition.parameters, arguments, strict=True))
-                body = [each for t in body for each in named.get(t.lower, [t])]
+                body = [item for t in body for item in named.get(t.lower, [t])]
             self._expand(body, into, hidden | {token.lower})
 
 

@@ -64,7 +64,7 @@ def add_missing(
     if any(name.endswith(PROJECT) for name in there):
         return
     known = functions | data.labels.keys() | data.point_labels.keys()
-    every = [line for found in lines.values() for line in found]
+    every = [line for result in lines.values() for line in result]
     known |= _declared(every)
     points = {} if any(name.endswith(POINTS) for name in there) else _points(every, known)
     bits = {} if IO_LABELS in there else _bits(every, known | points.keys())
@@ -83,11 +83,11 @@ def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
 
 def _declared(lines: Iterable[Line]) -> set[str]:
     """Return the names in all lines that contain a type."""
-    found: set[str] = set()
+    result: set[str] = set()
     for line in lines:
         if any(token.lower in TYPES for token in line.tokens):
-            found |= {token.lower for token in line.tokens if token.kind == NAME}
-    return found
+            result |= {token.lower for token in line.tokens if token.kind == NAME}
+    return result
 
 
 def _is_free(token: Token, known: set[str]) -> bool:
@@ -102,7 +102,7 @@ def _is_free(token: Token, known: set[str]) -> bool:
 
 
 def _points(lines: Iterable[Line], known: set[str]) -> dict[str, Token]:
-    found: dict[str, Token] = {}
+    result: dict[str, Token] = {}
     for line in lines:
         for first, second, third in _threes(line):
             word = first.lower
@@ -110,16 +110,16 @@ def _points(lines: Iterable[Line], known: set[str]) -> dict[str, Token]:
             placed = second.text == '=' and third.lower in _PLACES
             for token in ([second] if moved else []) + ([first] if placed else []):
                 if _is_free(token, known):
-                    found.setdefault(token.lower, token)
+                    result.setdefault(token.lower, token)
         if line.tokens and line.tokens[0].lower in _OF_POINTS:
             for token in line.tokens[1:]:
                 if token.lower not in _SIDES and _is_free(token, known):
-                    found.setdefault(token.lower, token)
-    return found
+                    result.setdefault(token.lower, token)
+    return result
 
 
 def _bits(lines: Iterable[Line], known: set[str]) -> dict[str, Token]:
-    found: dict[str, Token] = {}
+    result: dict[str, Token] = {}
     for line in lines:
         for first, second, third in _threes(line):
             if first.lower in _READ and second.text == '(':
@@ -129,8 +129,8 @@ def _bits(lines: Iterable[Line], known: set[str]) -> dict[str, Token]:
             else:
                 continue
             if _is_free(token, known):
-                found.setdefault(token.lower, token)
-    return found
+                result.setdefault(token.lower, token)
+    return result
 
 
 def _threes(line: Line) -> Iterable[tuple[Token, Token, Token]]:
@@ -216,11 +216,11 @@ def _parse(
     for name in files:
         if name.lower().endswith('.prg'):
             lines[name] = list(Preprocessor(files, problems).lines(name))
-    names = {each for found in lines.values() for each in function_names(found)}
+    names = {item for result in lines.values() for item in function_names(result)}
     add_missing(data, files, lines, names, notes)
     notes += _joined_types(lines.values())
     labels = data.point_labels
-    return [Parser(name, found, names, problems, labels).file() for name, found in lines.items()]
+    return [Parser(name, result, names, problems, labels).file() for name, result in lines.items()]
 
 
 def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
@@ -228,12 +228,12 @@ def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
 
     RC+ accepts it, but the manual does not list it.
     """
-    for line in (each for found in files for each in found):
+    for line in (item for result in files for item in result):
         if line.tokens and line.tokens[0].lower == 'function':
             for token in line.tokens[2:]:
                 if token.lower[:2] == 'as' and token.lower[2:] in TYPES:
-                    said = f'{token.text}: write As {token.text[2:]}'
-                    yield Problem(token.position, 'syntax', said, warning=True)
+                    message = f'{token.text}: write As {token.text[2:]}'
+                    yield Problem(token.position, 'syntax', message, warning=True)
 
 
 def build(files: Mapping[str, str]) -> Program:
@@ -265,9 +265,9 @@ def build_with(
                 problems.append(Problem(function.at, 'declaration', text))
                 continue
             functions[key] = function
-        for each in file.declared:
-            libraries.setdefault(each.name.lower(), (len(declared), each))
-            declared.append(each)
+        for item in file.declared:
+            libraries.setdefault(item.name.lower(), (len(declared), item))
+            declared.append(item)
     codes = {
         key: FunctionCode(
             function.name, index, function.parameters, function.result, function.at, function.end
@@ -314,13 +314,13 @@ def command(program: Program, text: str, evaluated: bool = False) -> FunctionCod
     at = Position(COMMAND, 1)
     problems: list[Problem] = []
     try:
-        found = tokens(text + '"' * (text.count('"') % 2), COMMAND, 1)
-        line = Line(at, tuple(found))
+        match = tokens(text + '"' * (text.count('"') % 2), COMMAND, 1)
+        line = Line(at, tuple(match))
         for part in statements_of(line):
             word = WORDS.get(part[0].lower) if part else None
             if word is not None and not word.window:
-                said = f'{word.name} is for programs only: the command window does not take it'
-                problems.append(Problem(part[0].position, 'syntax', said))
+                message = f'{word.name} is for programs only: the command window does not take it'
+                problems.append(Problem(part[0].position, 'syntax', message))
     except SyntaxProblem as problem:
         raise ProgramError([problem.problem]) from problem
     before, after = (
@@ -332,8 +332,8 @@ def command(program: Program, text: str, evaluated: bool = False) -> FunctionCod
     if problems:
         raise ProgramError(problems)
     (function,) = file.functions
-    functions = {each.name.lower(): each for of in program.files for each in of.functions}
-    libraries = {each.name.lower(): (at, each) for at, each in enumerate(program.libraries)}
+    functions = {item.name.lower(): item for of in program.files for item in of.functions}
+    libraries = {item.name.lower(): (at, item) for at, item in enumerate(program.libraries)}
     scope = Scope(program.shared, functions, libraries, program.data)
     code = FunctionCode(COMMAND, len(program.functions), (), function.result, at, at)
     codes = {**program.by_name, COMMAND.lower(): code}
@@ -362,27 +362,27 @@ def _declare(
     variables: list[Variable],
 ) -> None:
     within = module if declaration.scope == 'module' else shared
-    for number, each in enumerate(declaration.variables):
+    for number, item in enumerate(declaration.variables):
         bounds = scope.bounds(declaration, number)
-        key = each.name.lower()
+        key = item.name.lower()
         variable = Variable(
-            each.name,
+            item.name,
             declaration.type,
             'g',
             len(variables),
             bounds,
             bool(bounds),
             preserved=declaration.scope == 'preserve',
-            at=each.at,
+            at=item.at,
         )
         known = within.get(key)
         if known is not None:
             same = TYPES[known.type] == TYPES[variable.type] and known.bounds == bounds
             if within is module or not same or known.preserved != variable.preserved:
                 first = known.at
-                text = f'{each.name} is declared in {first.file}:{first.line} already'
+                text = f'{item.name} is declared in {first.file}:{first.line} already'
                 text += '' if within is module else ', differently'
-                raise SyntaxProblem(each.at, text, 'declaration')
+                raise SyntaxProblem(item.at, text, 'declaration')
             continue
         within[key] = variable
         variables.append(variable)

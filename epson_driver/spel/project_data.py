@@ -62,7 +62,7 @@ class ProjectData:
     @property
     def points(self) -> dict[int, Point]:
         """The points in memory at the start."""
-        return next((dict(each.points) for each in self.point_files.values()), {})
+        return next((dict(file.points) for file in self.point_files.values()), {})
 
 
 def read_project(path: Path) -> dict[str, str]:
@@ -74,9 +74,9 @@ def read_project(path: Path) -> dict[str, str]:
     """
     folder = path if path.is_dir() else path.parent
     there = {
-        each.name.lower(): each for each in sorted(folder.iterdir() if folder.is_dir() else [])
+        item.name.lower(): item for item in sorted(folder.iterdir() if folder.is_dir() else [])
     }
-    projects = [each for name, each in there.items() if name.endswith(PROJECT)]
+    projects = [element for name, element in there.items() if name.endswith(PROJECT)]
     if path.name.lower().endswith(PROJECT) and not path.is_dir():
         projects = [path]
     whole = path.is_dir() or projects == [path]
@@ -89,8 +89,8 @@ def read_project(path: Path) -> dict[str, str]:
     if not programs or not there.keys() >= set(programs):
         endings = (INCLUDE, POINTS, PROJECT, *([PROGRAM] if whole else []))
         names = [name for name in there if name.endswith(endings)] + [ERRORS, IO_LABELS]
-    found = (there[name.lower()] for name in names if name.lower() in there)
-    contents = {each.name: read_file(each, LARGEST_FILE) for each in found if each.is_file()}
+    result = (there[name.lower()] for name in names if name.lower() in there)
+    contents = {item.name: read_file(item, LARGEST_FILE) for item in result if item.is_file()}
     if not whole:
         contents[path.name] = read_file(path, LARGEST_FILE)
     files = _decoded_together(contents)
@@ -105,12 +105,12 @@ def listed_files(project: Block) -> Iterator[str]:
     Raises RcFileError.
     """
     for kind in ('ProgramFile', 'IncludeFile'):
-        yield from (each.text('sName') for each in project.blocks(kind))
-    points = [each for each in project.blocks('PointFile') if each.number('nRobot', 1) == 1]
+        yield from (block.text('sName') for block in project.blocks(kind))
+    points = [block for block in project.blocks('PointFile') if block.number('nRobot', 1) == 1]
     for default in (True, False):
-        for each in points:
-            if (each.text('bDefault', 'True') == 'True') is default:
-                yield each.text('sName')
+        for point in points:
+            if (point.text('bDefault', 'True') == 'True') is default:
+                yield point.text('sName')
     if not project.number('nProgramFileCount'):
         raise project.fault('nProgramFileCount', 'expected nProgramFileCount=1 or more')
     yield from (ERRORS, IO_LABELS)
@@ -133,10 +133,10 @@ def _decoded_together(contents: Mapping[str, bytes]) -> dict[str, str]:
     The .sprj is decoded separately, because its fonts may be named in another code page.
     """
     apart = [name for name in contents if name.lower().endswith(PROJECT)]
-    page = _code_page(b'\n'.join(each for name, each in contents.items() if name not in apart))
+    page = _code_page(b'\n'.join(item for name, item in contents.items() if name not in apart))
     return {
-        name: decoded(each, '' if name in apart or page == 'latin-1' else page)
-        for name, each in contents.items()
+        name: decoded(item, '' if name in apart or page == 'latin-1' else page)
+        for name, item in contents.items()
     }
 
 
@@ -171,11 +171,11 @@ def _code_page(content: bytes) -> str:
             text = content.decode(name)
         except UnicodeDecodeError:
             continue
-        wide = [each.encode(name) for each in text if ord(each) > 0x7F]
-        common = sum(len(each) == 2 and each[0] in leads for each in wide)
-        share = common / len(wide) if wide else 0.0
-        if share > best:
-            best, chosen = share, name
+        wide = [item.encode(name) for item in text if ord(item) > 0x7F]
+        common = sum(len(item) == 2 and item[0] in leads for item in wide)
+        fraction = common / len(wide) if wide else 0.0
+        if fraction > best:
+            best, chosen = fraction, name
     return chosen
 
 
@@ -198,10 +198,10 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
                 data.io_labels = _io_labels(block)
                 data.labels |= {name.lower(): at[2] for at, name in data.io_labels.items()}
             else:
-                for each in block.blocks('Label'):
-                    number = int(each.number('nError'))
-                    data.texts[number] = each.text('sMessage')
-                    data.labels[each.text('sLabel').lower()] = number
+                for item in block.blocks('Label'):
+                    number = int(item.number('nError'))
+                    data.texts[number] = item.text('sMessage')
+                    data.labels[item.text('sLabel').lower()] = number
         except RcFileError as error:
             at = Position(name, error.line)
             problems.append(Problem(at, RULE, f'cannot be read: {error.said}'))
@@ -214,16 +214,16 @@ def _points(block: Block) -> PointFile:
     points: dict[int, Point] = {}
     labels: dict[str, int] = {}
     spelling: dict[str, str] = {}
-    for each in block.blocks('Point'):
-        number = int(each.number('nNumber', -1))
+    for item in block.blocks('Point'):
+        number = int(item.number('nNumber', -1))
         if not 0 <= number <= LAST_POINT:
-            raise each.fault('nNumber', f'point number {number} is not in 0..{LAST_POINT}')
-        if label := each.text('sLabel'):
+            raise item.fault('nNumber', f'point number {number} is not in 0..{LAST_POINT}')
+        if label := item.text('sLabel'):
             labels[label.lower()], spelling[label.lower()] = number, label
-        if int(each.number('nUndefined')) & 0xF:  # X, Y, Z, U undefined: a label without a place
+        if int(item.number('nUndefined')) & 0xF:  # X, Y, Z, U undefined: a label without a place
             continue
-        values = tuple(each.number(f'r{axis}') for axis in 'XYZUVW')
-        points[number] = Point('xy', values, tuple(_flags(each)))
+        values = tuple(item.number(f'r{axis}') for axis in 'XYZUVW')
+        points[number] = Point('xy', values, tuple(_flags(item)))
     return PointFile(points, labels, spelling)
 
 
@@ -250,7 +250,7 @@ def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: date
                     ('nUndefined', '0'),
                     *((f'r{axis}', f'{value:.3f}') for axis, value in axes),
                     *((f'r{axis}', '0') for axis in 'RST'),
-                    ('nLocal', next((each for each in point.flags if each.isdigit()), '0')),
+                    ('nLocal', next((flag for flag in point.flags if flag.isdigit()), '0')),
                     *(
                         (key, str(next((k for k, w in words.items() if w in point.flags), 1)))
                         for key, words in (
@@ -269,7 +269,7 @@ def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: date
 
 
 def _told(point: Point, mark: str) -> str:
-    return next((each[3:] for each in point.flags if each.startswith(mark.lower())), '0')
+    return next((flag[3:] for flag in point.flags if flag.startswith(mark.lower())), '0')
 
 
 def _flags(block: Block) -> Iterator[str]:
@@ -296,12 +296,12 @@ _IO = {
 
 def _io_labels(block: Block) -> dict[tuple[int, int, int], str]:
     """Return the labels of bits, bytes and words by kind, width and number."""
-    found = {}
+    result = {}
     for part in block.items:
         if isinstance(part, Block) and part.name in _IO:
             kind, width, key = _IO[part.name]
-            for each in part.blocks('Label'):
-                at = each.number(key, each.number('nBit'))  # RC+ writes nBit for some bytes
-                if each.text('sLabel'):
-                    found[kind, width, int(at)] = each.text('sLabel')
-    return found
+            for item in part.blocks('Label'):
+                at = item.number(key, item.number('nBit'))  # RC+ writes nBit for some bytes
+                if item.text('sLabel'):
+                    result[kind, width, int(at)] = item.text('sLabel')
+    return result

@@ -122,14 +122,14 @@ class Scope:
     def bounds(self, declared: Declaration, number: int) -> tuple[int, ...]:
         """Return the upper bounds of a declared variable. Raises SyntaxProblem."""
         variable = declared.variables[number]
-        found = []
+        result = []
         for expression in variable.bounds:
             bound = constant(expression, self.constants)
             if not isinstance(bound, int) or bound < 0:
                 text = f'{variable.name}: the bounds of an array must be whole numbers from 0 on'
                 raise SyntaxProblem(variable.at, text, 'declaration')
-            found.append(bound)
-        bounds = tuple(found)
+            result.append(bound)
+        bounds = tuple(result)
         check_size(variable.name, declared.type, declared.scope, bounds, variable.at)
         return bounds
 

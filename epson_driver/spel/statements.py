@@ -153,7 +153,7 @@ class Statements:
         """Read Redim."""
         preserve = reader.takes('preserve')
         name = reader.name('the name of an array').text
-        bounds = [each.value for each in reader.arguments()]
+        bounds = [argument.value for argument in reader.arguments()]
         if not 1 <= len(bounds) <= 3:
             raise SyntaxProblem(first.position, 'Redim needs one to three bounds')
         return Redim(preserve, name, tuple(bounds), first.position)
@@ -347,7 +347,7 @@ class Statements:
             else:
                 given.append(reader.expression())
         if len(given) > 4 and not words:  # the place as numbers
-            values = tuple(Argument(each) for each in given[1:])
+            values = tuple(Argument(item) for item in given[1:])
             given[1:] = [Apply('XY', values, first.position)]
         return Command(first.text, tuple(given), first.position, tuple(words))
 
@@ -424,11 +424,11 @@ class Statements:
                 points.append(reader.expression())
         last = self._modified(reader, first, points)
         read.append(last)
-        found = (
-            replace(each, numbers=last.numbers) if isinstance(each, Motion) else each
-            for each in read
+        result = (
+            replace(item, numbers=last.numbers) if isinstance(item, Motion) else item
+            for item in read
         )
-        return [each for each in found if not isinstance(each, Motion) or each.points]
+        return [item for item in result if not isinstance(item, Motion) or item.points]
 
     def _modified(self, reader: Reader, first: Token, points: list[Expression]) -> Motion:
         """Read the rest of a motion after its points."""
@@ -496,12 +496,12 @@ class Statements:
         digits = first.lower[1:]
         if first.lower[:1] == 'd' and (not digits or digits.isdigit()):
             rest = Reader(part[1:], first.position)
-            share = Number(int(digits), first.position) if digits else rest.expression()
+            fraction = Number(int(digits), first.position) if digits else rest.expression()
             rest.end()
-            return [Share(share, first.position)]
+            return [Share(fraction, first.position)]
         read = self._statement(part)
-        for each in read:
-            if isinstance(each, Motion | Label | If | Do | For | Select):
+        for item in read:
+            if isinstance(item, Motion | Label | If | Do | For | Select):
                 text = f'{first.text} cannot stand in !…!'
                 raise SyntaxProblem(first.position, text)
         return read
@@ -564,9 +564,9 @@ def _point_range(reader: Reader) -> Iterator[Expression]:
     reader.need(':')
     last = reader.expression()
     reader.need(')')
-    ends = [each.value if isinstance(each, Number) else -1 for each in (first, last)]
-    if not all(each in range(LAST_POINT + 1) for each in ends):
+    ends = [item.value if isinstance(item, Number) else -1 for item in (first, last)]
+    if not all(end in range(LAST_POINT + 1) for end in ends):
         raise SyntaxProblem(at, f'P( : ) takes the numbers of two points, 0 to {LAST_POINT}')
     low, high = map(int, ends)
     step = 1 if low <= high else -1
-    return (Name(f'P{each}', at) for each in range(low, high + step, step))
+    return (Name(f'P{item}', at) for item in range(low, high + step, step))

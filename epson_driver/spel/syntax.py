@@ -477,16 +477,16 @@ def walk(node: Any) -> Iterator[Any]:
     """Yield a node of the syntax and all its descendants."""
     todo = [node]
     while todo:
-        each = todo.pop()
-        kind: Any = type(each)
+        item = todo.pop()
+        kind: Any = type(item)
         if kind is tuple or kind is list:
-            todo.extend(reversed(each))
+            todo.extend(reversed(item))
         elif parts := _parts(kind):
-            yield each
-            todo += [getattr(each, name) for name in parts]
+            yield item
+            todo += [getattr(item, name) for name in parts]
 
 
 @cache
 def _parts(kind: type) -> list[str]:
     """Return the fields of a type of node, in reverse order."""
-    return [each.name for each in reversed(fields(kind))] if is_dataclass(kind) else []
+    return [item.name for item in reversed(fields(kind))] if is_dataclass(kind) else []

@@ -13,7 +13,7 @@ from typing import Any
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
-from epson_driver.spel.files import Surroundings
+from epson_driver.spel.files import ProgramEnvironment
 from epson_driver.spel.frames import Area, Pallet, in_local, in_world, turned_step
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, Memory, MotionRequest, NetSettings
@@ -169,7 +169,7 @@ class Trap:
     frame: Frame | None
 
 
-class World:
+class SharedState:
     """The shared state of a program's tasks: variables, time, ports, locks, the host."""
 
     def __init__(
@@ -178,7 +178,7 @@ class World:
         host: Host,
         timing: Timing,
         started: datetime,
-        around: Surroundings,
+        around: ProgramEnvironment,
     ) -> None:
         self.program = program
         self.host = host
@@ -191,7 +191,7 @@ class World:
         self.tasks: dict[int, Task] = {}
         self.mover: Task | None = None
         self.aborted: dict[int, TaskError] = {}
-        self.ports = {number: Port(each) for number, each in around.ports.items()}
+        self.ports = {number: Port(item) for number, item in around.ports.items()}
         self.stubs = around.new_stubs()
         self.files = around.files
         self.open_files: dict[int, OpenFile] = {}
@@ -270,20 +270,20 @@ class World:
             del self.tasks[task.number]
             for number, port in self.ports.items():
                 if port.owner == task.number:
-                    self.host.network.orphan_net(number)
-        for number in [each for each, owner in self.locks.items() if owner == task.number]:
+                    self.host.network.release_owner(number)
+        for number in [item for item, owner in self.locks.items() if owner == task.number]:
             del self.locks[number]
 
     def task(self, which: int | str) -> 'Task | None':
         """Return a running task by its number or its function's name."""
         if isinstance(which, str):
-            named = (each for each in self.tasks.values() if each.function.lower() == which)
+            named = (item for item in self.tasks.values() if item.function.lower() == which)
             return next(named, None)
         return self.tasks.get(which)
 
     def load(self, points: Mapping[int, Point]) -> None:
         """Load the points of a file into memory, as the robot stores them."""
-        self.points |= {number: self.host.stored_point(each) for number, each in points.items()}
+        self.points |= {number: self.host.stored_point(item) for number, item in points.items()}
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
         """Return values with their points in Local 0, or steps from the current position.
@@ -292,7 +292,8 @@ class World:
         """
         into = turned_step if steps else in_world
         return tuple(
-            into(each, self.locals) if isinstance(each, Point) else each for each in arguments
+            into(argument, self.locals) if isinstance(argument, Point) else argument
+            for argument in arguments
         )
 
     def error_text(self, number: int) -> str:
@@ -318,7 +319,7 @@ class Task:
     The compiled instructions call its methods.
     """
 
-    def __init__(self, world: World, number: int, kind: TaskType) -> None:
+    def __init__(self, world: SharedState, number: int, kind: TaskType) -> None:
         self.world = world
         self.number = number
         self.type = kind
@@ -534,13 +535,13 @@ class Task:
         """Wait for an operation of the host."""
         if completion is None:
             return
-        begun = completion
+        started = completion
 
         def after(_timed_out: bool) -> None:
-            if begun.error is not None:
-                raise begun.error
+            if started.error is not None:
+                raise started.error
 
-        self.wait(None, lambda: begun.done, after)
+        self.wait(None, lambda: started.done, after)
 
     # Requests of instructions to the host
 
@@ -649,15 +650,15 @@ class Task:
         """Wait until the motion of !…! has completed a percentage of its path."""
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
-        share = min(max(percent / 100.0, 0.0), 1.0)
-        self.wait(None, lambda: motion.done or motion.share >= share, scanned=True)
+        fraction = min(max(percent / 100.0, 0.0), 1.0)
+        self.wait(None, lambda: motion.done or motion.share >= fraction, scanned=True)
 
     # Statements and functions that only a test can answer
 
     def stub(self, name: str, arguments: tuple[Any, ...]) -> None:
         """Store the answer to a statement in its variables, in their order. Raises SpelError."""
         self.since_wait = 0
-        references = [each for each in arguments if isinstance(each, tuple)]
+        references = [argument for argument in arguments if isinstance(argument, tuple)]
         answer = self.world.stubs.answer(name, self._shown(arguments))
         if answer is None:
             return
@@ -679,7 +680,10 @@ class Task:
         return nearest(number) if kind == INT else number
 
     def _shown(self, arguments: tuple[Any, ...]) -> list[object]:
-        return [each[0][each[1]] if isinstance(each, tuple) else each for each in arguments]
+        return [
+            argument[0][argument[1]] if isinstance(argument, tuple) else argument
+            for argument in arguments
+        ]
 
     def library(self, number: int, arguments: tuple[object, ...]) -> Value:
         """Call a function of a DLL, which may write to arrays and ByRef variables."""

@@ -96,11 +96,11 @@ class Array:
 
     def indices(self, place: int) -> list[int]:
         """Return the indices of the element at a position in `d`."""
-        found = []
+        result = []
         for bound in reversed(self.bounds):
             place, index = divmod(place, bound + 1)
-            found.append(index)
-        return found[::-1]
+            result.append(index)
+        return result[::-1]
 
 
 def size(bounds: Sequence[int]) -> int:
@@ -122,7 +122,7 @@ class Point:
 
     def flagged(self, flag: str) -> 'Point':
         """Return the point with an orientation flag or a local, which replaces the old one."""
-        kept = (each for each in self.flags if subject(each) != subject(flag))
+        kept = (item for item in self.flags if subject(item) != subject(flag))
         return replace(self, flags=(*kept, flag))
 
     def __str__(self) -> str:

@@ -150,9 +150,9 @@ def _parts(
 def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
     """Return the tool positions for joints of shape (m, n): shape (m, 3), m."""
     positions = np.empty((len(joints), 3))
-    for index, each in enumerate(joints):
+    for index, item in enumerate(joints):
         look()
-        positions[index] = kinematics.forward(each)[:3, 3]
+        positions[index] = kinematics.forward(item)[:3, 3]
     return positions
 
 
@@ -238,7 +238,11 @@ def _part_limits(part: _Part) -> PartLimits:
         jerk = float(np.min(limits.jerk / first))
     if part.blend:
         derivatives = (first, second, third)
-        share = float(share_of_limits(limits, derivatives, speed, acceleration, jerk))
-        share *= 1.0 - RESERVE_SHARE
-        speed, acceleration, jerk = share * speed, share**2 * acceleration, share**3 * jerk
+        fraction = float(share_of_limits(limits, derivatives, speed, acceleration, jerk))
+        fraction *= 1.0 - RESERVE_SHARE
+        speed, acceleration, jerk = (
+            fraction * speed,
+            fraction**2 * acceleration,
+            fraction**3 * jerk,
+        )
     return PartLimits(part.size, speed, acceleration, jerk)

@@ -74,9 +74,9 @@ class Curve:
         middle = int(np.argmin(np.linalg.norm(self.samples - position, axis=1)))
         low, high = (min(max((middle + side) * self._step, 0.0), 1.0) for side in (-1, 1))
         for _ in range(HALVINGS):
-            share = (low + high) / 2.0
-            at, slope, _ = self.at(share)
-            low, high = (share, high) if slope @ (position - at) > 0.0 else (low, share)
+            fraction = (low + high) / 2.0
+            at, slope, _ = self.at(fraction)
+            low, high = (fraction, high) if slope @ (position - at) > 0.0 else (low, fraction)
         return (low + high) / 2.0
 
     @property
@@ -118,8 +118,8 @@ class CurveMotion:
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
-        (share,), (rate,), (change,) = self._timing.at(time)
-        position, slope, bend = self._curve.at(share)
+        (fraction,), (rate,), (change,) = self._timing.at(time)
+        position, slope, bend = self._curve.at(fraction)
         return position, slope * rate, bend * rate**2 + slope * change
 
     def stop(self, time: float) -> 'CurveMotion':

@@ -56,8 +56,8 @@ class JointPath:
 
     def where(self, index: int) -> str:
         """Return the text for the place of a sample, as a clause."""
-        share = float(self.distances[index] / self.distances[-1])
-        return _where(share, self.name, self.positions[index])
+        fraction = float(self.distances[index] / self.distances[-1])
+        return _where(fraction, self.name, self.positions[index])
 
 
 def joint_path(

@@ -95,7 +95,7 @@ def plan_sequence(
     for first, group in groups:
         try:
             look()
-            found = _run(kinematics, at, group, look)
+            result = _run(kinematics, at, group, look)
         except BlendError as error:
             index = first + error.index
             raise SequenceError(f'{_name(index, primitives[index])}: {error}') from error
@@ -103,8 +103,8 @@ def plan_sequence(
             last = first + len(group) - 1
             name = _name(first, group[0]) if last == first else f'motions[{first}] to [{last}]'
             raise SequenceError(f'{name}: {error}') from error
-        runs_of.append(found)
-        at = found.positions[-1]
+        runs_of.append(result)
+        at = result.positions[-1]
     names = kinematics.model.limits.names
     if not sampled and len(primitives) == 1 and primitives[0].kind is Kind.LINEAR_JOINT:
         (only,) = runs_of
@@ -182,11 +182,11 @@ def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look:
         tools = [_tool_limits(primitive) for primitive in group]
         return timed_run(kinematics, start, run, tools, look=look)
     move_time = group[0].move_time
-    for share in MOVE_SHARES:
-        tool = _tool_limits_of_time(segments[0], share * move_time)
-        found = timed_run(kinematics, start, run, [tool], look=look)
-        if found.ends[-1] <= move_time:
-            return found.stretched(move_time / float(found.ends[-1]))
+    for fraction in MOVE_SHARES:
+        tool = _tool_limits_of_time(segments[0], fraction * move_time)
+        result = timed_run(kinematics, start, run, [tool], look=look)
+        if result.ends[-1] <= move_time:
+            return result.stretched(move_time / float(result.ends[-1]))
     raise ValueError(f'move_time = {move_time:.4g} s: too short for a smooth motion of the tool')
 
 
@@ -201,8 +201,8 @@ def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> Ti
     stretch = _stretch(max(motion.duration, SHORTEST_MOVE_S), primitive)
     points = motion.points(PERIOD_S / stretch)
     assert points.velocities is not None  # noqa: S101 - for the type checker
-    found = TimedRun(points.times, points.positions, points.velocities, points.times[-1:])
-    return found.stretched(stretch)
+    result = TimedRun(points.times, points.positions, points.velocities, points.times[-1:])
+    return result.stretched(stretch)
 
 
 def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:

@@ -103,11 +103,11 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
     times, positions, velocities = [first.times], [first.positions], [first.velocities]
     ends = [first.ends]
     for run in runs[1:]:
-        begin = times[-1][-1] + REST_S  # its first point is the last point of the previous run
-        times.append(begin + run.times)
+        start = times[-1][-1] + REST_S  # its first point is the last point of the previous run
+        times.append(start + run.times)
         positions.append(run.positions)
         velocities.append(run.velocities)
-        ends.append(begin + run.ends)
+        ends.append(start + run.ends)
     trajectory = Trajectory(
         names, np.concatenate(times), np.concatenate(positions), np.concatenate(velocities)
     )
@@ -126,12 +126,12 @@ def _motions(
     stretch = _stretch(found, slopes, motion, slow=slow)
     if stretch == 1.0:
         return [(motion, 1.0)]
-    each = [(motion, stretch)]
+    item = [(motion, stretch)]
     shares = _shares(found, slopes, parts)
     for levels in LEVELS:
         motion = fastest(list(_slower(found, parts, shares, levels)))
-        each.append((motion, _stretch(found, slopes, motion, slow=True)))
-    return sorted(each, key=lambda one: one[0].duration * one[1])
+        item.append((motion, _stretch(found, slopes, motion, slow=True)))
+    return sorted(item, key=lambda one: one[0].duration * one[1])
 
 
 def _slopes(found: JointPath) -> Array:
@@ -200,9 +200,9 @@ def _shares(found: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Arr
     of_part = np.array([(part.speed, part.acceleration, part.jerk) for part in parts])
     speed, acceleration, jerk = of_part[_part_of(found, parts)].T[:, :, None]
     first, second, third = np.maximum(np.abs(slopes[:, 1:]), np.abs(slopes[:, :-1]))
-    share = share_of_limits(limits, (first, second, third), speed, acceleration, jerk)
-    beside = np.pad(share, 1, mode='edge')  # derivatives are differences of adjacent samples
-    return np.asarray(np.min([beside[:-2], share, beside[2:]], axis=0))
+    fraction = share_of_limits(limits, (first, second, third), speed, acceleration, jerk)
+    beside = np.pad(fraction, 1, mode='edge')  # derivatives are differences of adjacent samples
+    return np.asarray(np.min([beside[:-2], fraction, beside[2:]], axis=0))
 
 
 def _slower(
@@ -216,13 +216,13 @@ def _slower(
     allowed = least ** (np.ceil(np.log(shares) / np.log(least) * levels - 1e-9) / levels)
     owners = _part_of(found, parts)
     cut = (np.diff(allowed) != 0.0) | (np.diff(owners) != 0)
-    for begin, end in pairwise([0, *(np.flatnonzero(cut) + 1).tolist(), len(shares)]):
-        part, share = parts[owners[begin]], float(allowed[begin])
+    for start, end in pairwise([0, *(np.flatnonzero(cut) + 1).tolist(), len(shares)]):
+        part, fraction = parts[owners[start]], float(allowed[start])
         yield PartLimits(
-            float(found.distances[end] - found.distances[begin]),
-            share * part.speed,
-            share**2 * part.acceleration,
-            share**3 * part.jerk,
+            float(found.distances[end] - found.distances[start]),
+            fraction * part.speed,
+            fraction**2 * part.acceleration,
+            fraction**3 * part.jerk,
         )
 
 

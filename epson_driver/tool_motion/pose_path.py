@@ -111,14 +111,14 @@ def level_arc(start: Array, via: Array, end: Array) -> PosePath:
     path = arc(start, np.array([*via[:2], start[2, 3]]), level)
 
     def pose(share: float) -> Array:
-        found = path.pose(share)
-        found[2, 3] += share * rise
-        return found
+        result = path.pose(share)
+        result[2, 3] += share * rise
+        return result
 
     def derivatives(share: float) -> Array:
-        found = path.derivatives(share)
-        found[0, 2] += rise
-        return found
+        result = path.derivatives(share)
+        result[0, 2] += rise
+        return result
 
     return PosePath(float(np.hypot(path.length, rise)), path.angle, pose, derivatives)
 
@@ -180,15 +180,15 @@ class Run:
     @cached_property
     def ends(self) -> Array:
         """End of each segment, m (rad): the middle of its blend, or the end of the run."""
-        blends = [len(each) > 1 for each in self.segments]
+        blends = [len(segment) > 1 for segment in self.segments]
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 
     def pose(self, distance: float) -> Array:
         """Return the pose after a distance, m (rad), from 0 to the last seam."""
         index = int(np.searchsorted(self.seams, distance, 'right')) - 1
         index = min(max(index, 0), len(self.parts) - 1)
-        share = (distance - self.seams[index]) / (self.seams[index + 1] - self.seams[index])
-        return self.parts[index].pose(min(max(float(share), 0.0), 1.0))
+        fraction = (distance - self.seams[index]) / (self.seams[index + 1] - self.seams[index])
+        return self.parts[index].pose(min(max(float(fraction), 0.0), 1.0))
 
 
 def size_of(path: PosePath) -> float:
@@ -203,16 +203,16 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
     length and turn, and for blends that are longer than their segments.
     """
     radii = [0.0, *blends, 0.0]
-    for index, (segment, (begin, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
+    for index, (segment, (start, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
         if max(segment.length, segment.angle) < SHORTEST_PATH:
             raise BlendError(index, 'the tool is already there')
-        if begin + end > segment.length:
-            words = ' and '.join(f'{radius:g} m' for radius in (begin, end) if radius > 0.0)
+        if start + end > segment.length:
+            words = ' and '.join(f'{radius:g} m' for radius in (start, end) if radius > 0.0)
             raise BlendError(
                 index,
                 f'the motion is {segment.length:.4g} m long, shorter than the blend of {words}',
             )
-    found: list[Run] = []
+    result: list[Run] = []
     parts: list[PosePath] = []
     owners: list[tuple[int, ...]] = []
     for index, segment in enumerate(segments):
@@ -226,20 +226,20 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
             parts.append(_corner(segment, segments[index + 1], radii[index + 1]))
             owners.append((index, index + 1))
         else:
-            found.append(Run(tuple(parts), tuple(owners)))
+            result.append(Run(tuple(parts), tuple(owners)))
             parts, owners = [], []
-    return found
+    return result
 
 
 def _part(path: PosePath, first: float, last: float) -> PosePath:
     """Return the part of a path between two fractions."""
-    share = last - first
-    scale = share ** np.arange(1, 4)[:, None]
+    fraction = last - first
+    scale = fraction ** np.arange(1, 4)[:, None]
     return PosePath(
-        share * path.length,
-        share * path.angle,
-        lambda of_part: path.pose(first + share * of_part),
-        lambda of_part: scale * path.derivatives(first + share * of_part),
+        fraction * path.length,
+        fraction * path.angle,
+        lambda of_part: path.pose(first + fraction * of_part),
+        lambda of_part: scale * path.derivatives(first + fraction * of_part),
     )
 
 

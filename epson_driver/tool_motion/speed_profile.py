@@ -57,7 +57,9 @@ def share_of_limits(
                 / (third * speed**3 + 3.0 * second * speed * acceleration + first * jerk)
             ),
         )
-    return np.asarray(np.min([np.min(share, axis=-1) for share in shares], axis=0).clip(max=1.0))
+    return np.asarray(
+        np.min([np.min(fraction, axis=-1) for fraction in shares], axis=0).clip(max=1.0)
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,7 +59,7 @@ class ToolLimits:
         return ToolLimits(*least)
 
 
-def runs_trajectory(
+def trajectory_along_runs(
     kinematics: Kinematics,
     start: Array,
     path: Sequence[Run],
@@ -72,13 +72,13 @@ def runs_trajectory(
     Raises PathError, with reason, place and joint, if the motion is impossible, and raises like
     `joint_path`.
     """
-    found: list[TimedRun] = []
+    result: list[TimedRun] = []
     tools = [tool] * (path[-1].last + 1)
     for run in path:
         name = 'the way' if len(path) == 1 else f'the path to points[{run.last}]'
-        begin = found[-1].positions[-1] if found else start
-        found.append(timed_run(kinematics, begin, run, tools, name, look))
-    return joined(kinematics.model.limits.names, found)[0]
+        first = result[-1].positions[-1] if result else start
+        result.append(timed_run(kinematics, first, run, tools, name, look))
+    return joined(kinematics.model.limits.names, result)[0]
 
 
 def timed_run(
@@ -91,7 +91,7 @@ def timed_run(
 ) -> TimedRun:
     """Return the points along a run. tools: limits of the tool in each segment, by index.
 
-    A blend respects the limits of both segments. Raises like `runs_trajectory`.
+    A blend respects the limits of both segments. Raises like `trajectory_along_runs`.
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):
@@ -111,7 +111,10 @@ def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
     size = size_of(part)
     powers = size ** np.arange(1, 4)[:, None]
     looks = np.array(
-        [part.derivatives(share) / powers for share in np.linspace(0.0, 1.0, BEND_LOOKS).tolist()]
+        [
+            part.derivatives(fraction) / powers
+            for fraction in np.linspace(0.0, 1.0, BEND_LOOKS).tolist()
+        ]
     )
     # per m (rad) of the path, its square and its cube, for the tool's position and for its turn
     most = np.linalg.norm(looks.reshape(BEND_LOOKS, 3, 2, 3), axis=-1).max(axis=0)

@@ -151,12 +151,12 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
         WireEvent.SENT: Kind.REQUEST,
         WireEvent.RECEIVED: Kind.SEND,
     }
-    begin = now = steps[0].time
+    start = now = steps[0].time
     for step in steps:
         now = max(now, step.time)
         if step.event is WireEvent.CLOSED:
             continue
-        time, kind = now - begin, kinds[step.event]
+        time, kind = now - start, kinds[step.event]
         if step.event in (WireEvent.SENT, WireEvent.RECEIVED):
             pieces = splitters[step.number, step.event].split(step.data)
             for data, frame in pieces:

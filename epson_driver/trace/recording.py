@@ -41,7 +41,9 @@ class _Connection:
     @property
     def gap(self) -> str:
         """Sentence on data after a missing packet, or ''."""
-        lost = sum(len(data) for each in self.streams.values() for data in each.waiting.values())
+        lost = sum(
+            len(data) for stream in self.streams.values() for data in stream.waiting.values()
+        )
         host, port = self.server
         return (
             f'a packet to or from {host}:{port} is missing, with it {lost} bytes' if lost else ''

@@ -175,14 +175,14 @@ def test_motion_ended_during_planning_never_starts(case, monkeypatch):
     """The error comes immediately, although the planning thread still runs."""
     disturb, expected = WHILE_PLANNED[case]
     planning, release = threading.Event(), threading.Event()
-    planned = motions.runs_trajectory
+    planned = motions.trajectory_along_runs
 
     def plan_slowly(*args):
         planning.set()
         release.wait(PATIENCE)
         return planned(*args[:4])  # without the cancellation check
 
-    monkeypatch.setattr(motions, 'runs_trajectory', plan_slowly)
+    monkeypatch.setattr(motions, 'trajectory_along_runs', plan_slowly)
 
     async def scenario():
         async with robot_cell(model='gx4_c251s') as (robot, controller):
@@ -231,8 +231,8 @@ COMMANDS = {
 @pytest.mark.parametrize(
     'trouble',
     [
-        each if each == 'motors off' else pytest.param(each, marks=pytest.mark.slow)
-        for each in COMMANDS
+        command if command == 'motors off' else pytest.param(command, marks=pytest.mark.slow)
+        for command in COMMANDS
     ],
 )
 @pytest.mark.invariant(3, 4, 5)
@@ -306,11 +306,11 @@ def test_one_of_two_moving_threads_is_rejected(ports):
 
     with robot_at(ports) as robot:
         robot.enable()
-        threads = [threading.Thread(target=move, args=(robot, each)) for each in (0.2, -0.2)]
+        threads = [threading.Thread(target=move, args=(robot, item)) for item in (0.2, -0.2)]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join(PATIENCE)
         assert len(results) == 2
-        assert sum('at the goal' in each for each in results) == 1
-        assert sum('another motion runs' in each for each in results) == 1
+        assert sum('at the goal' in result for result in results) == 1
+        assert sum('another motion runs' in result for result in results) == 1

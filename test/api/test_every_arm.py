@@ -24,7 +24,7 @@ from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.model import SCARA
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.tool_motion.pose_path import line, runs
-from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_along_runs
 
 BENT = [30.0, 60.0, -40.0, 10.0]
 """Non-singular joints of a SCARA, degrees and mm."""
@@ -35,7 +35,7 @@ SIX = [10.0, -20.0, 20.0, 5.0, -60.0, 10.0]  # degrees
 def _bent(model: RobotModel) -> Array:
     if model.kind == SCARA:
         return np.array(BENT) / model.shown_per_unit
-    return model.bent(np.radians(SIX).tolist())
+    return model.for_folding_arm(np.radians(SIX).tolist())
 
 
 @pytest.mark.parametrize('name', one_in(5, robot_models()))
@@ -59,12 +59,14 @@ def test_driver_executes_a_joint_move_and_a_line(name: str, profile: str) -> Non
     """Runs over TCP, in virtual time, with the built-in and the SPEL+ program."""
     model = load_robot_model(name)
     arm, limits = Kinematics(model), model.limits
-    zero, bent = np.zeros(len(limits.names)), _bent(model)
-    there = arm.forward(bent)
+    zero, for_folding_arm = np.zeros(len(limits.names)), _bent(model)
+    there = arm.forward(for_folding_arm)
     there[2, 3] -= 0.02
     tool = ToolLimits(0.1, 1.0, 0.5, 5.0, 1e-4)
-    down = runs_trajectory(arm, bent, runs([line(arm.forward(bent), there)], []), tool)
-    plan = straight(zero, bent, limits, 0.3, 0.3, sampled=False)
+    down = trajectory_along_runs(
+        arm, for_folding_arm, runs([line(arm.forward(for_folding_arm), there)], []), tool
+    )
+    plan = straight(zero, for_folding_arm, limits, 0.3, 0.3, sampled=False)
     controlled_by = load_controller_profile(profile)
     options = {
         'limits': limits,

@@ -68,7 +68,7 @@ def variant(monkeypatch):
         monkeypatch.setattr(robot, 'time', SimpleNamespace(perf_counter=now))
         yield importlib.import_module('lerobot_robot_epson')
     finally:
-        for name in [each for each in sys.modules if each.startswith('lerobot_robot_epson')]:
+        for name in [item for item in sys.modules if item.startswith('lerobot_robot_epson')]:
             del sys.modules[name]
 
 

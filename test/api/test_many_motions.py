@@ -81,7 +81,7 @@ def test_random_lines_and_arcs_follow_their_path(model, count):
             motion = await robot.move_line(end, speed=speed, wait=False)
             path = line(start, end)
         seen = await sampled(motion, lambda: robot.pose[:3, 3])
-        places = np.array([path.pose(share)[:3, 3] for share in np.linspace(0.0, 1.0, 501)])
+        places = np.array([path.pose(fraction)[:3, 3] for fraction in np.linspace(0.0, 1.0, 501)])
         away = max(distance_from(place, places) for place in seen)
         cut = 0.0
         if kind == 'arc':
@@ -102,8 +102,8 @@ def test_random_lines_and_arcs_follow_their_path(model, count):
                 except ValueError:  # out of reach or too fast
                     refused += 1
             assert refused <= count
-            said = ', '.join(f'{kind}: {away * 1e3:.3f} mm' for kind, away in worst.items())
-            print(f'{model}: {driven} driven, at most away: {said}; {refused} refused')
+            message = ', '.join(f'{kind}: {away * 1e3:.3f} mm' for kind, away in worst.items())
+            print(f'{model}: {driven} driven, at most away: {message}; {refused} refused')
 
     run(scenario(), patience=36000.0)
 
@@ -146,7 +146,7 @@ class CycleRecorder:
     def check(self, limits):
         """Assert that mean velocities respect all limits in every cycle, and clear the record."""
         dt = np.array([dt for dt, _, _ in self._cycles])
-        before, after = (np.array([each[k] for each in self._cycles]) for k in (1, 2))
+        before, after = (np.array([cycle[k] for cycle in self._cycles]) for k in (1, 2))
         self._cycles.clear()
         assert np.array_equal(before[1:], after[:-1])
         assert np.all(after >= limits.position_min - 1e-9)

@@ -181,12 +181,12 @@ def test_robot_of_an_ended_event_loop_asks_to_connect_again(ports, caplog, capfd
     async def enable():
         await robot.enable()
 
-    async def begin():
+    async def start():
         await robot.connect()
         await enable()
 
-    asyncio.run(begin())
+    asyncio.run(start())
     with pytest.raises(RobotError, match=r'event loop, which has ended: call connect\(\)'):
         asyncio.run(enable())
-    asyncio.run(begin())
+    asyncio.run(start())
     assert 'TaskEndedError' not in caplog.text + capfd.readouterr().err

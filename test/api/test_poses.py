@@ -49,8 +49,8 @@ def test_epson_point_is_in_mm_and_degrees_of_the_epson_world():
     pose = frames().target('pose', EpsonPoint(-207.5, 359.401, 570.0, 0.0, -90.0, -60.0), None)
     x, y, z = pose.pose[:3, 3]
     assert (x, y, z) == pytest.approx((0.359401, 0.2075, 0.57))  # base_link: x forward, y left
-    for each in random_poses(50):
-        np.testing.assert_allclose(EpsonPoint.of(each).pose, each, atol=1e-12)
+    for item in random_poses(50):
+        np.testing.assert_allclose(EpsonPoint.of(item).pose, item, atol=1e-12)
 
 
 def test_named_frames_nest_and_work_with_the_tool_frame():
@@ -171,7 +171,7 @@ def test_repeated_noisy_points_count_once_with_the_smallest_blend():
     first, second = pose_at(0.4, 0.1), pose_at(0.5, 0.1)
     random = np.random.default_rng(31)
     for _ in range(20):
-        here, again, twice = (with_noise(each, random) for each in (HERE, first, first))
+        here, again, twice = (with_noise(item, random) for item in (HERE, first, first))
         for given, runs, lengths in (
             ([here, again, second], 1, [0.08, 0.04, 0.08]),
             ([first, twice, again, second], 1, [0.08, 0.04, 0.08]),

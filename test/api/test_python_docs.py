@@ -33,8 +33,8 @@ def test_every_example_has_an_expected_output() -> None:
 @pytest.mark.parametrize(
     ('code', 'expected'),
     [
-        pytest.param(*each, marks=[pytest.mark.slow] if number else [], id=str(number))
-        for number, each in enumerate(zip(EXAMPLES, EXPECTED, strict=True))
+        pytest.param(*item, marks=[pytest.mark.slow] if number else [], id=str(number))
+        for number, item in enumerate(zip(EXAMPLES, EXPECTED, strict=True))
     ],
 )
 def test_example_runs_without_ros(code: str, expected: str, tmp_path: Path) -> None:

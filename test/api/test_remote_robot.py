@@ -58,11 +58,11 @@ def test_joint_moves_lines_and_arcs_follow_their_path():
         async with remote_cell() as (robot, controller):
             assert 'at the goal' in (await robot.move_joints(START)).text
             arm = Kinematics(robot.model)
-            begin = robot.ros_pose
-            end = begin + np.array([0.0, 0.06, -0.04, 0, 0, 0, 0])
+            start = robot.ros_pose
+            end = start + np.array([0.0, 0.06, -0.04, 0, 0, 0, 0])
             _, places = await watched(controller, robot.move_line(end))
-            way = (end - begin)[:3] / np.linalg.norm((end - begin)[:3])
-            tool = np.array([arm.forward(place)[:3, 3] for place in places]) - begin[:3]
+            way = (end - start)[:3] / np.linalg.norm((end - start)[:3])
+            tool = np.array([arm.forward(place)[:3, 3] for place in places]) - start[:3]
             assert np.abs(tool - np.outer(tool @ way, way)).max() < 2e-4
             assert np.abs(robot.ros_pose) == pytest.approx(np.abs(end), abs=1e-5)
 
@@ -91,7 +91,7 @@ def test_line_that_turns_the_tool_keeps_the_tip_in_place():
             turn[:2, :2] = [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
             place = robot.tool_pose[:3, 3]
             _, places = await watched(controller, robot.move_line(turn, frame='tool'))
-            tips = np.array([arm.forward(each)[:3, 3] for each in places])
+            tips = np.array([arm.forward(item)[:3, 3] for item in places])
             assert np.abs(tips - place).max() < 2e-4
             assert np.ptp(places, axis=0).max() > 0.1
 

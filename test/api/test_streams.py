@@ -91,10 +91,10 @@ async def test_policy_at_30_hz_is_followed_within_all_limits(monkeypatch):
     lag, rms = behind(times - start, positions, policy)
     assert 0.05 < lag < 0.13
     assert rms < 2e-3
-    found = [exact_extrema(smoother, position) for smoother, position in executed]
-    assert max(each.worst for each in found) < 1.001
-    assert 0.04 < max(each.velocity for each in found) < 0.1
-    assert max(each.acceleration_jump for each in found) < 1e-9
+    result = [exact_extrema(smoother, position) for smoother, position in executed]
+    assert max(item.worst for item in result) < 1.001
+    assert 0.04 < max(item.velocity for item in result) < 0.1
+    assert max(item.acceleration_jump for item in result) < 1e-9
 
 
 async def test_velocities_are_followed_and_the_arm_stops_at_their_end():
@@ -234,8 +234,8 @@ async def test_hostile_actions_break_no_limit_and_the_arm_stops():
             with contextlib.suppress(ArgumentError):
                 robot.servo(action)
             await asyncio.sleep(random.choice([0.01, 0.03, 0.12]))
-            share = np.abs(robot.joint_velocities) / robot.model.limits.velocity
-            fastest = max(fastest, float(share.max()))
+            fraction = np.abs(robot.joint_velocities) / robot.model.limits.velocity
+            fastest = max(fastest, float(fraction.max()))
         assert 0.05 < fastest < 0.3
         await asyncio.sleep(1.5)
         here = robot.joints

@@ -68,7 +68,7 @@ def measured_path(robot, motion):
         joints.append(robot.joints)
         time.sleep(0.002)
     motion.wait()
-    return np.array([arm.forward(each)[:3, 3] for each in joints])
+    return np.array([arm.forward(joint)[:3, 3] for joint in joints])
 
 
 def cut_by_the_servos(start, via, end, speed):
@@ -91,8 +91,8 @@ def bound(robot, ends, path, speed):
     with np.errstate(divide='ignore'):
         limits = np.min([[speed, 1.0, 10.0], [1.0, 10.0, 100.0]] / lengths, axis=0)
     one = np.ones(1)
-    share = JointLimits(('share',), -one, 2.0 * one, *(each * one for each in limits))
-    return max(by_joints, go(share, 0.0 * one, one).duration)
+    fraction = JointLimits(('share',), -one, 2.0 * one, *(limit * one for limit in limits))
+    return max(by_joints, go(fraction, 0.0 * one, one).duration)
 
 
 @WITH_SCARA_IF_SLOW
@@ -126,7 +126,7 @@ def test_lines_and_arcs_are_accurate_and_nearly_time_optimal(arm, count):
         number += 1
         planned = motion.duration
         seen = measured_path(robot, motion)
-        places = np.array([path.pose(share)[:3, 3] for share in np.linspace(0.0, 1.0, 2001)])
+        places = np.array([path.pose(fraction)[:3, 3] for fraction in np.linspace(0.0, 1.0, 2001)])
         away = max(distance_from(place, places) for place in seen)
         cut = cut_by_the_servos(start[:3, 3], via, end[:3, 3], speed) if kind == 'arc' else 0.0
         assert away < ACCURACY + cut
@@ -171,19 +171,19 @@ def test_lines_in_tool_and_named_frames_end_at_their_pose(robot):
     tool = [0.0, 0.03, 0.12, 0.0, 0.0, 0.0, 1.0]
     robot.set_tool(tool, max_speed=0.25)
     try:
-        begin = robot.tool_pose
-        assert np.allclose(robot.pose @ robot.tool, begin)
-        robot.set_frame('here', begin)
+        start = robot.tool_pose
+        assert np.allclose(robot.pose @ robot.tool, start)
+        robot.set_frame('here', start)
         robot.move_line([0.0, 0.0, -0.02, 0, 0, 0, 1], frame='here')
         assert np.allclose(robot.pose_in('here')[:3, 3], [0.0, 0.0, -0.02], atol=1e-5)
         robot.move_line([0.0, 0.0, 0.02, 0, 0, 0, 1], frame='tool')
-        assert np.allclose(robot.tool_pose, begin, atol=1e-5)
+        assert np.allclose(robot.tool_pose, start, atol=1e-5)
         # turning the tool leaves its tip in place
         robot.move_line([0.0, 0.0, 0.0, *np.sin([0, 0.1, 0]), np.cos(0.1)], frame='tool')
-        assert np.allclose(robot.tool_pose[:3, 3], begin[:3, 3], atol=1e-5)
-        assert np.abs(robot.pose[:3, 3] - (begin @ np.linalg.inv(robot.tool))[:3, 3]).max() > 0.01
+        assert np.allclose(robot.tool_pose[:3, 3], start[:3, 3], atol=1e-5)
+        assert np.abs(robot.pose[:3, 3] - (start @ np.linalg.inv(robot.tool))[:3, 3]).max() > 0.01
         with pytest.raises(ValueError, match=r'speed = 0\.3 m/s: the tool allows 0\.25 m/s'):
-            robot.move_line(begin, speed=0.3)
+            robot.move_line(start, speed=0.3)
     finally:
         robot.set_tool(np.eye(4))
 
@@ -243,14 +243,14 @@ async def test_line_straightness_matches_the_docs(model, start, speed, accelerat
     """The figures of docs/python.md come from the servos' lag. The SCARA is the worst case."""
     async with robot_cell(model=model, smooth=True) as (robot, _):
         await robot.move_joints(start)
-        begin = robot.tool_pose[:3, 3]
+        first = robot.tool_pose[:3, 3]
         recording = robot.record()
         there = [0.0, 0.15, 0.0, 0.0, 0.0, 0.0, 1.0]
         motion = await robot.move_line(there, frame='tool', speed=speed, acceleration=acceleration)
         recording.stop()
         places = np.array([robot.forward(joints)[:3, 3] for joints in recording.positions])
-        along = (places[-1] - begin) / np.linalg.norm(places[-1] - begin)
-        aside = places - begin - np.outer((places - begin) @ along, along)
+        along = (places[-1] - first) / np.linalg.norm(places[-1] - first)
+        aside = places - first - np.outer((places - first) @ along, along)
         away = float(np.linalg.norm(aside, axis=1).max())
         assert away < 1e-3 * mm
         assert model == 'c3_a601s' or away > 0.4e-3 * mm

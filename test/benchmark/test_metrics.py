@@ -15,7 +15,7 @@ from benchmark.motion_record import Record
 from benchmark.references import References, digest
 from benchmark.strategies import SAMPLE_STEP_S
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from benchmark.waypoints import may_be_merged, passages
+from benchmark.waypoints import closest_sample_indices, may_be_merged
 from epson_driver.motion import Array, go
 
 LIMITS = limit_set('full')
@@ -84,7 +84,7 @@ def test_missed_waypoint_is_measured() -> None:
 
 def test_early_waypoint_is_measured() -> None:
     record = stops_at_each()
-    late = np.diff(passages(POINTS, record).times, prepend=0.0)
+    late = np.diff(closest_sample_indices(POINTS, record).times, prepend=0.0)
     late[2] += 0.25
     assert figures_of(record, POINTS, late).early == pytest.approx(0.25)
     assert figures_of(record).early == 0.0
@@ -100,7 +100,9 @@ def test_merged_waypoint_has_the_tolerance() -> None:
 def test_passages_are_exact_between_samples() -> None:
     motion = go(LIMITS, POINTS[0], POINTS[1])
     times = np.linspace(0.0213, motion.duration - 0.0211, 37)
-    passed = passages(np.array([motion.at(time)[0] for time in times]), stops_at_each(POINTS[:2]))
+    passed = closest_sample_indices(
+        np.array([motion.at(time)[0] for time in times]), stops_at_each(POINTS[:2])
+    )
     assert passed.distances.max() < 1e-6
     assert passed.times == pytest.approx(times, abs=1e-5)
 

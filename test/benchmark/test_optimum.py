@@ -26,6 +26,6 @@ def test_nearly_equal_points_are_merged() -> None:
 def test_optimum_of_two_points_equals_the_exact_result() -> None:
     pytest.importorskip('casadi', reason='no CasADi (make optimum installs it)')
     exact = go(LIMITS, START, END).duration
-    found = optimum(BenchmarkTrajectory('line', np.array([START, END]), None), LIMITS)
-    assert found is not None
-    assert found.duration == pytest.approx(exact, rel=5e-3)
+    result = optimum(BenchmarkTrajectory('line', np.array([START, END]), None), LIMITS)
+    assert result is not None
+    assert result.duration == pytest.approx(exact, rel=5e-3)

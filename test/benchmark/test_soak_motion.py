@@ -14,5 +14,5 @@ from benchmark.soak_motion import soak
 def test_soak_of_a_minute_has_no_problems(tmp_path: Path) -> None:
     figures = soak(minutes=1.0, seed=1, folder=tmp_path, warm_up=20.0)
     leaks = ('memory', 'controller_memory')  # not distinguishable from the warm-up within a minute
-    assert [each for each in figures['problems'] if not each.startswith(leaks)] == []
+    assert [figure for figure in figures['problems'] if not figure.startswith(leaks)] == []
     assert figures['goals'] > 0

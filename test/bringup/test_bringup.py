@@ -24,7 +24,9 @@ from epson_driver.bringup import (
 from epson_driver.processes import processes
 from epson_driver.setup.table import TABLE
 
-DEFAULTS = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
+DEFAULTS = {
+    argument['name']: argument['default_value'] for argument in launch_arguments(*INTERFACE)
+}
 VALUES = DEFAULTS | {'interface': 'streaming'}
 
 
@@ -53,10 +55,10 @@ def test_described_defaults_equal_the_client_defaults() -> None:
 
 def test_prefix_is_added_to_every_urdf_name() -> None:
     prefixed = robot_description('c3_a601s', 'left_')
-    found = re.findall(r'<(?:link|joint|parent|child) (?:name|link)="([^"]+)"', prefixed)
-    assert len(found) > 20
-    assert all(name.startswith('left_') for name in found)
-    assert {'left_tool0', 'left_joint_6', 'left_base_link'} <= set(found)
+    result = re.findall(r'<(?:link|joint|parent|child) (?:name|link)="([^"]+)"', prefixed)
+    assert len(result) > 20
+    assert all(name.startswith('left_') for name in result)
+    assert {'left_tool0', 'left_joint_6', 'left_base_link'} <= set(result)
 
 
 def test_missing_xacro_error_has_the_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,5 +104,5 @@ def test_prefixes_of_several_robots_are_valid_names() -> None:
         dict.fromkeys(EACH, '')
         | {'namespaces': 'left,/line/two', 'robot_ips': '127.0.0.1, 127.0.0.2'}
     )
-    assert [each['tf_prefix'] for each in robots] == ['left_', 'line_two_']
-    assert [each['robot_ip'] for each in robots] == ['127.0.0.1', '127.0.0.2']
+    assert [robot['tf_prefix'] for robot in robots] == ['left_', 'line_two_']
+    assert [robot['robot_ip'] for robot in robots] == ['127.0.0.1', '127.0.0.2']

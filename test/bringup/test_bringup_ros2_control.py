@@ -32,7 +32,7 @@ from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 
-VALUES = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
+VALUES = {argument['name']: argument['default_value'] for argument in launch_arguments(*INTERFACE)}
 VALUES['interface'] = ''
 
 
@@ -46,8 +46,8 @@ def controllers() -> dict[str, Any]:
 
 def block(model: str, prefix: str = '', namespace: str = '') -> ElementTree.Element:
     text = robot_description(model, prefix, **ros2_control_arguments(namespace))
-    (found,) = ElementTree.fromstring(text).findall('ros2_control')
-    return found
+    (result,) = ElementTree.fromstring(text).findall('ros2_control')
+    return result
 
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
@@ -56,11 +56,11 @@ def test_block_has_every_moving_joint_of_the_urdf(model: str, prefix: str) -> No
     """The controller manager refuses a block with an unknown joint."""
     text = robot_description(model, prefix, **ros2_control_arguments(''))
     root = ElementTree.fromstring(text)
-    moving = [each.get('name') for each in root.findall('joint') if each.get('type') != 'fixed']
-    found = block(model, prefix)
-    assert [each.get('name') for each in found.findall('joint')] == moving
+    moving = [item.get('name') for item in root.findall('joint') if item.get('type') != 'fixed']
+    result = block(model, prefix)
+    assert [item.get('name') for item in result.findall('joint')] == moving
     assert moving == [prefix + name for name in load_robot_model(model).joint_names]
-    assert (found.get('name'), found.get('type')) == (f'{prefix}epson', 'system')
+    assert (result.get('name'), result.get('type')) == (f'{prefix}epson', 'system')
 
 
 def test_plugin_and_parameters_exist() -> None:
@@ -68,7 +68,7 @@ def test_plugin_and_parameters_exist() -> None:
     assert hardware is not None
     plugin = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
     assert hardware.findtext('plugin') == plugin
-    parameters = {each.get('name'): each.text for each in hardware.findall('param')}
+    parameters = {item.get('name'): item.text for item in hardware.findall('param')}
     assert parameters == {
         'joint_commands_topic': '/epson_driver/joint_commands',
         'joint_states_topic': '/joint_states',
@@ -78,7 +78,7 @@ def test_plugin_and_parameters_exist() -> None:
 def test_interfaces_match_the_joint_topics() -> None:
     for joint in block('c3_a601s').findall('joint'):
         for kind in ('command_interface', 'state_interface'):
-            assert [each.get('name') for each in joint.findall(kind)] == ['position', 'velocity']
+            assert [item.get('name') for item in joint.findall(kind)] == ['position', 'velocity']
         assert joint.findall('.//param') == []  # an initial_value would be commanded first
 
 
@@ -95,20 +95,22 @@ def test_default_description_has_no_block() -> None:
 
 
 def test_controllers_claim_interfaces_of_the_block() -> None:
-    found = controllers()
-    manager = found.pop('controller_manager')
-    types = {name: each['type'] for name, each in manager.items() if isinstance(each, dict)}
+    result = controllers()
+    manager = result.pop('controller_manager')
+    types = {
+        name: element['type'] for name, element in manager.items() if isinstance(element, dict)
+    }
     assert types == {
         CONTROLLER: 'joint_trajectory_controller/JointTrajectoryController',
         'forward_position_controller': 'forward_command_controller/ForwardCommandController',
     }
-    assert set(found) == set(types)
+    assert set(result) == set(types)
     joints = list(load_robot_model('c3_a601s').joint_names)
-    assert all(each['joints'] == joints for each in found.values())
+    assert all(item['joints'] == joints for item in result.values())
     offered = {'position', 'velocity'}
-    own = found[CONTROLLER]
+    own = result[CONTROLLER]
     assert {*own['command_interfaces'], *own['state_interfaces']} <= offered
-    assert found['forward_position_controller']['interface_name'] in offered
+    assert result['forward_position_controller']['interface_name'] in offered
     assert manager['update_rate'] == 100
 
 
@@ -170,8 +172,8 @@ def test_moveit_servo_publishes_to_the_trajectory_topic() -> None:
 )
 def test_servo_margins_leave_most_of_each_joint_range(model: str, margins: list[float]) -> None:
     robot = load_robot_model(model)
-    found = servo_parameters(model)['moveit_servo']['joint_limit_margins']
-    assert found == pytest.approx(margins, abs=1e-4)
-    assert len(found) == len(robot.joint_names)
-    free = robot.limits.position_max - robot.limits.position_min - 2.0 * np.array(found)
+    result = servo_parameters(model)['moveit_servo']['joint_limit_margins']
+    assert result == pytest.approx(margins, abs=1e-4)
+    assert len(result) == len(robot.joint_names)
+    free = robot.limits.position_max - robot.limits.position_min - 2.0 * np.array(result)
     assert np.all(free >= 0.899 * (robot.limits.position_max - robot.limits.position_min))

@@ -401,7 +401,7 @@ def test_repeated_ctrl_c_ends_controller_and_client(
     controller = started('sim_controller', *free)
     ports = dict(re.findall(r'(\w+)=(\d+)', line_with(controller, 'listening ')))
     settings = [f'{name}_port:={ports[name]}' for name in ('motion', 'state')]
-    client = started('client', '--ros-args', *(w for each in settings for w in ('-p', each)))
+    client = started('client', '--ros-args', *(w for setting in settings for w in ('-p', setting)))
     line_with(client, 'state link connected')
     for process in (client, controller):
         output = interrupted(process)

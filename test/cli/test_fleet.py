@@ -44,17 +44,17 @@ def test_table_has_a_row_per_robot_and_a_summary(row: Row, cells: str) -> None:
 def left_running() -> list[str]:
     """Return the ids of all processes with the environment variable of this test."""
     mark = f'OF_THIS_FLEET={os.getpid()}'.encode()
-    found = []
+    result = []
     for path in Path('/proc').glob('[0-9]*'):
         try:
             if (
                 mark in (path / 'environ').read_bytes().split(b'\0')
                 and (path / 'cmdline').read_bytes()
             ):
-                found.append(path.name)
+                result.append(path.name)
         except (FileNotFoundError, ProcessLookupError, PermissionError):
             continue
-    return found
+    return result
 
 
 @pytest.mark.slow

@@ -26,11 +26,13 @@ run = partial(run_here, robots.main)
 
 def tables(text: str) -> dict[str, dict[str, list[str]]]:
     """Return plain text as rows by their first word, by table title."""
-    found = {}
+    result = {}
     for block in text.strip().split('\n\n'):
         title, _, *rows = block.splitlines()
-        found[title.removeprefix('# ')] = {row.split('\t')[0]: row.split('\t')[1:] for row in rows}
-    return found
+        result[title.removeprefix('# ')] = {
+            row.split('\t')[0]: row.split('\t')[1:] for row in rows
+        }
+    return result
 
 
 @pytest.fixture(scope='module')

@@ -9,7 +9,7 @@ import pytest
 
 from epson_driver.cli import smooth
 from epson_driver.motion import Trajectory, problems
-from epson_driver.motion.passages import measure, passed
+from epson_driver.motion.closest_samples import measure, passed
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.smooth_study import column, point_to_point, spline
 from epson_driver.robots import load_robot_model
@@ -216,7 +216,7 @@ def test_failed_smoothing_leaves_no_file(run, monkeypatch, tmp_path, error, code
         raise error
 
     monkeypatch.setattr(smooth, 'smooth', fails)
-    found, _, output = run(FILE)
-    assert found == code
+    result, _, output = run(FILE)
+    assert result == code
     assert message in output
     assert not list(tmp_path.iterdir())

@@ -387,7 +387,7 @@ def test_coverage_lists_the_executed_lines(tmp_path: Path) -> None:
         '3 passed, 0 failed',
     ]
     report = Xml.parse(tmp_path / 'coverage.xml').getroot()
-    assert [each.get('filename') for each in report.iter('class')] == ['main.prg', 'more/main.prg']
+    assert [item.get('filename') for item in report.iter('class')] == ['main.prg', 'more/main.prg']
     missed = [line.get('number') for line in report.iter('line') if line.get('hits') == '0']
     assert missed == ['5']
     assert report.get('lines-valid') == '10'

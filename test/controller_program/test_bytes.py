@@ -85,25 +85,25 @@ class BytesHarness:
         self.arrays['g_in'].d[:] = values
         self.arrays['g_bytes'].d[:] = [99] * (4 * BATCH)
         self.call('PackAll')
-        found: list[bytes | None] = []
+        result: list[bytes | None] = []
         for number, ok in enumerate(self.arrays['g_ok'].d):
             four = bytes(self.arrays['g_bytes'].d[4 * number : 4 * number + 4])
             if not ok:
                 assert four == bytes([99] * 4)
-            found.append(four if ok else None)
-        return found
+            result.append(four if ok else None)
+        return result
 
     def unpack(self, values: list[bytes]) -> list[float | None]:
         """Return the value of each four bytes, None for refused bytes."""
         self.arrays['g_bytes'].d[:] = list(b''.join(values))
         self.arrays['g_in'].d[:] = [123.5] * BATCH
         self.call('UnpackAll')
-        found: list[float | None] = []
+        result: list[float | None] = []
         for value, ok in zip(self.arrays['g_in'].d, self.arrays['g_ok'].d, strict=True):
             if not ok:
                 assert value == 123.5
-            found.append(float(value) if ok else None)
-        return found
+            result.append(float(value) if ok else None)
+        return result
 
 
 @pytest.fixture(scope='module')
@@ -182,8 +182,8 @@ def values(count: int) -> Iterator[list[float]]:
 @pytest.mark.parametrize('count', [SOME, MANY])
 def test_floats_are_packed_like_struct(harness: BytesHarness, count: int) -> None:
     for batch in values(count):
-        for value, found in zip(batch, harness.pack(batch), strict=True):
-            assert found == packed(value), value.hex()
+        for value, result in zip(batch, harness.pack(batch), strict=True):
+            assert result == packed(value), value.hex()
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
@@ -193,15 +193,15 @@ def test_floats_are_unpacked_like_struct(harness: BytesHarness, count: int) -> N
     special += [0xFF80_0000, 0x7FC0_0000, 0x7F80_0001, 0xFFFF_FFFF, 0x3F80_0000, 0x8000_0000]
     for _ in range(count // BATCH):
         bits = special + [chance.getrandbits(32) for _ in range(BATCH - len(special))]
-        for each, found in zip(
-            bits, harness.unpack([struct.pack('<I', each) for each in bits]), strict=True
+        for item, result in zip(
+            bits, harness.unpack([struct.pack('<I', bit) for bit in bits]), strict=True
         ):
-            value = as_float(each)
+            value = as_float(item)
             if not math.isfinite(value):
-                assert found is None, hex(each)
+                assert result is None, hex(item)
             else:
-                assert found is not None
-                assert struct.pack('<d', found) == struct.pack('<d', value), hex(each)
+                assert result is not None
+                assert struct.pack('<d', result) == struct.pack('<d', value), hex(item)
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])

@@ -51,9 +51,9 @@ def moving(harness: RobotHarness) -> Client:
 
 def assert_still(harness: RobotHarness, seconds: float = 3.0) -> None:
     """Assert that the arm does not move and no Go starts."""
-    begun, where = len(harness.robot.gone_to), harness.robot.position
+    started, where = len(harness.robot.gone_to), harness.robot.position
     harness.run(seconds)
-    assert len(harness.robot.gone_to) == begun
+    assert len(harness.robot.gone_to) == started
     assert harness.robot.position == where
 
 
@@ -62,9 +62,9 @@ def assert_works(harness: RobotHarness, client: Client) -> None:
     assert harness.stream(client, [point(6, harness.robot.position)]) == [(6, FAILURE)]
     points = line(harness, 3, -5.0, 0.3)
     assert harness.stream(client, points) == [(n, OK) for n in range(3)]
-    begun = len(harness.robot.gone_to)
+    started = len(harness.robot.gone_to)
     harness.rest()
-    assert len(harness.robot.gone_to) >= begun
+    assert len(harness.robot.gone_to) >= started
     assert abs(harness.robot.position[0] - points[-1].joints[0] * 57.29577951308232) < 1e-4
 
 
@@ -102,7 +102,7 @@ def test_points_not_yet_passed_to_main_are_dropped_at_an_estop() -> None:
     """main waits until MotionServer has dropped its points too."""
     harness = RobotHarness(LOOK_AHEAD='2')
     client = harness.client()
-    client.send(*(request(each) for each in line(harness, 6)))
+    client.send(*(request(item) for item in line(harness, 6)))
     harness.run(0.6)
     assert client.replies() == [(0, OK), (1, OK)]
     harness.press_estop()

@@ -34,14 +34,14 @@ def differences() -> dict[str, tuple[str, str]]:
 
 
 def play_script(script: Script, send, step, do) -> None:
-    for each in script:
-        if isinstance(each, bytes):
-            send(each)
+    for item in script:
+        if isinstance(item, bytes):
+            send(item)
             step(BETWEEN_S)
-        elif isinstance(each, str):
-            do(each)
+        elif isinstance(item, str):
+            do(item)
         else:
-            step(each)
+            step(item)
     step(QUIET_S)
 
 
@@ -52,9 +52,9 @@ def outcome(script: Script, data: bytes, cut: bool, position) -> tuple[str, str,
         numbers = ' '.join(_number(kind, body) for kind, _, _, body in group)
         replies.append(f'{CODES[code]} {numbers}')
     targets = [
-        np.frombuffer(each[20:44], '<f4')
-        for each in script
-        if type(each) is bytes and len(each) == 68
+        np.frombuffer(item[20:44], '<f4')
+        for item in script
+        if type(item) is bytes and len(item) == 68
     ]
     rests = 'stops on its way'
     if not np.any(position):
@@ -99,7 +99,7 @@ def test_programs_differ_only_as_the_page_describes(name: str) -> None:
     script = SCRIPTS[name]
     one, other = by_built_in(script), by_spel(script)
     unlike = [pair for pair in zip(one, other, strict=True) if pair[0] != pair[1]]
-    rows = tuple(', '.join(each) for each in zip(*unlike, strict=True))
+    rows = tuple(', '.join(item) for item in zip(*unlike, strict=True))
     assert rows == differences().get(name, ())
 
 

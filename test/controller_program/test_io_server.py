@@ -54,16 +54,18 @@ def ask(harness: RobotHarness, client: Client, message: Message) -> Message:
     """Return the reply to a request."""
     client.packets()
     client.send(request(message))
-    found: list[Message] = []
+    result: list[Message] = []
 
     def answered() -> bool:
         packets = client.packets()
-        assert all(each.reply_code is not ReplyCode.FAILURE for each in packets)
-        found.extend(each.message for each in packets if each.reply_code is ReplyCode.SUCCESS)
-        return bool(found)
+        assert all(packet.reply_code is not ReplyCode.FAILURE for packet in packets)
+        result.extend(
+            packet.message for packet in packets if packet.reply_code is ReplyCode.SUCCESS
+        )
+        return bool(result)
 
     harness.run_until(answered)
-    (message,) = found
+    (message,) = result
     return message
 
 
@@ -109,10 +111,10 @@ def test_read_answers_each_item(harness: RobotHarness, client: Client) -> None:
         (DO, 2**31 - 1): (NO_INDEX, 0),
         (DO, 1000): (NO_INDEX, 0),
     }
-    found = ask(harness, client, IoRead(5, tuple(IoAddress(*each) for each in expected)))
-    assert found.message_id == 5
-    assert found.items == tuple(IoReading(*a, *b) for a, b in expected.items())
-    assert 0 < found.timestamp <= harness.machine.time * 1000
+    result = ask(harness, client, IoRead(5, tuple(IoAddress(*item) for item in expected)))
+    assert result.message_id == 5
+    assert result.items == tuple(IoReading(*a, *b) for a, b in expected.items())
+    assert 0 < result.timestamp <= harness.machine.time * 1000
 
 
 def test_write_sets_outputs(harness: RobotHarness, client: Client) -> None:
@@ -131,8 +133,8 @@ def test_write_sets_outputs(harness: RobotHarness, client: Client) -> None:
         (GI, 0, 1): READ_ONLY,
         (AI, 0, 1): NO_TYPE,
     }
-    found = ask(harness, client, IoWrite(6, tuple(IoSetting(*each) for each in expected)))
-    assert found.items == tuple(IoOutcome(a, b, r) for (a, b, _), r in expected.items())
+    result = ask(harness, client, IoWrite(6, tuple(IoSetting(*item) for item in expected)))
+    assert result.items == tuple(IoOutcome(a, b, r) for (a, b, _), r in expected.items())
     assert bits(harness, Memory.OUTPUT) == {7, 15}
     assert bits(harness, Memory.MEMORY) & set(range(64)) == {5}
     ask(harness, client, IoWrite(7, (IoSetting(GO, 1000, 0xC003),)))
@@ -140,8 +142,8 @@ def test_write_sets_outputs(harness: RobotHarness, client: Client) -> None:
 
 
 def test_stop_bit_cannot_be_written(harness: RobotHarness, client: Client) -> None:
-    found = ask(harness, client, IoWrite(1, (IoSetting(FLAG, 500, 1), IoSetting(FLAG, 64, 1))))
-    assert [item.result for item in found.items] == [NO_INDEX, NO_INDEX]
+    match = ask(harness, client, IoWrite(1, (IoSetting(FLAG, 500, 1), IoSetting(FLAG, 64, 1))))
+    assert [item.result for item in match.items] == [NO_INDEX, NO_INDEX]
 
 
 def test_reset_clears_outputs(harness: RobotHarness, client: Client) -> None:
@@ -161,22 +163,22 @@ def test_reset_clears_outputs(harness: RobotHarness, client: Client) -> None:
             IoSetting(FLAG, 3, 1),
         )
         ask(harness, client, IoWrite(1, on))
-        found = ask(harness, client, IoReset(2, tuple(IoAddress(*each) for each in items)))
-        assert found == IoResetReply(2, tuple(IoOutcome(*each, DONE) for each in items))
+        match = ask(harness, client, IoReset(2, tuple(IoAddress(*element) for element in items)))
+        assert match == IoResetReply(2, tuple(IoOutcome(*element, DONE) for element in items))
         assert bits(harness, Memory.OUTPUT) == outputs
         assert bits(harness, Memory.MEMORY) & set(range(64)) == flags
     wrong = (IoAddress(DI, 0), IoAddress(DI, -1), IoAddress(AI, -1), IoAddress(DO, 99))
-    found = ask(harness, client, IoReset(3, wrong))
-    assert [item.result for item in found.items] == [READ_ONLY, READ_ONLY, NO_TYPE, NO_INDEX]
+    match = ask(harness, client, IoReset(3, wrong))
+    assert [item.result for item in match.items] == [READ_ONLY, READ_ONLY, NO_TYPE, NO_INDEX]
 
 
 def test_publications_on_change_and_periodically(harness: RobotHarness, client: Client) -> None:
     spans = (IoSpan(DI, 0, 24), IoSpan(GO, 0, 2), IoSpan(FLAG, 0, 64))
-    found = ask(harness, client, IoSubscribe(8, spans))
-    expected = tuple(IoOutcome(each.io_type, each.start, DONE) for each in spans)
-    assert found == IoSubscribeReply(8, expected)
+    result = ask(harness, client, IoSubscribe(8, spans))
+    expected = tuple(IoOutcome(span.io_type, span.start, DONE) for span in spans)
+    assert result == IoSubscribeReply(8, expected)
     harness.run(0.3)
-    first = [each.message for each in client.packets()]
+    first = [element.message for element in client.packets()]
     assert [len(item.values) for item in first[0].items] == [24, 2, 64]
     harness.run(2.0)
     assert 3 <= len(client.packets()) <= 6
@@ -185,9 +187,9 @@ def test_publications_on_change_and_periodically(harness: RobotHarness, client: 
     (packet,) = client.packets()[:1]
     assert isinstance(packet.message, IoPublish)
     assert packet.message.items[0].values == (0,) * 4 + (1,) + (0,) * 19
-    found = ask(harness, client, IoUnsubscribe(9, (IoAddress(DI, 0), IoAddress(DO, 0))))
+    result = ask(harness, client, IoUnsubscribe(9, (IoAddress(DI, 0), IoAddress(DO, 0))))
     results = (IoOutcome(DI, 0, DONE), IoOutcome(DO, 0, NO_RANGE))
-    assert found == IoUnsubscribeReply(9, results)
+    assert result == IoUnsubscribeReply(9, results)
     ask(harness, client, IoUnsubscribe(9, (IoAddress(GO, 0), IoAddress(FLAG, 0))))
     client.packets()
     harness.run(2.0)
@@ -196,11 +198,11 @@ def test_publications_on_change_and_periodically(harness: RobotHarness, client: 
 
 def test_largest_subscription_is_published(harness: RobotHarness, client: Client) -> None:
     spans = [IoSpan(FLAG, n, 64 - n) for n in range(5)] + [IoSpan(FLAG, 0, 1)]
-    found = ask(harness, client, IoSubscribe(1, tuple(spans)))
-    assert [item.result for item in found.items] == [DONE] * 4 + [TOO_MUCH, DONE]
+    match = ask(harness, client, IoSubscribe(1, tuple(spans)))
+    assert [item.result for item in match.items] == [DONE] * 4 + [TOO_MUCH, DONE]
     spans = [IoSpan(DI, n, 1) for n in range(5)] + [IoSpan(DI, 0, 0), IoSpan(DI, 0, 25)]
-    found = ask(harness, client, IoSubscribe(1, tuple(spans)))
-    assert [item.result for item in found.items] == [DONE] * 4 + [TOO_MUCH, NO_INDEX, NO_INDEX]
+    match = ask(harness, client, IoSubscribe(1, tuple(spans)))
+    assert [item.result for item in match.items] == [DONE] * 4 + [TOO_MUCH, NO_INDEX, NO_INDEX]
     harness.run(1.0)
     (*_, last) = client.packets()
     assert len(last.message.items) == 8
@@ -243,7 +245,7 @@ def test_remote_outputs_of_rc_plus_are_read_only() -> None:
         IoSetting(GO, 1000, 1),
     )
     answer = ask(harness, client, IoWrite(1, settings))
-    assert [each.result for each in answer.items] == [1002, 1, 1002, 1002]
+    assert [item.result for item in answer.items] == [1002, 1, 1002, 1002]
     harness.robot.bits[Memory.OUTPUT][2] = 1
     ask(harness, client, IoReset(2, (IoAddress(DO, -1),)))
     assert bits(harness, Memory.OUTPUT) == {2}
@@ -257,7 +259,7 @@ def test_outputs_are_written_in_an_estop_and_with_an_open_door(state: str) -> No
     harness.robot.states[state] = -1
     settings = (IoSetting(DO, 3, 1), IoSetting(GO, 1, 5), IoSetting(GO, 1000, 0x0108))
     answer = ask(harness, client, IoWrite(1, settings))
-    assert [each.result for each in answer.items] == [1, 1, 1]
+    assert [item.result for item in answer.items] == [1, 1, 1]
     client.leave()
     harness.run(0.5)
     assert bits(harness, Memory.OUTPUT) == set()
@@ -289,7 +291,7 @@ def test_long_reply_is_sent_in_pieces(harness: RobotHarness, client: Client) -> 
 def test_clock_wraps_before_its_overflow(harness: RobotHarness, client: Client) -> None:
     ask(harness, client, IoSubscribe(8, (IoSpan(DI, 0, 1),)))
     harness.machine.world.timers[58] = harness.machine.time - 2_000_001.0
-    found = ask(harness, client, IoRead(5, (IoAddress(DI, 1),)))
-    assert 0 <= found.timestamp < 1000
+    result = ask(harness, client, IoRead(5, (IoAddress(DI, 1),)))
+    assert 0 <= result.timestamp < 1000
     harness.run(1.0)
     assert client.packets()

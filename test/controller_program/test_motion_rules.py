@@ -96,7 +96,7 @@ def test_reply_bytes(server):
 @pytest.mark.parametrize('chunk', [1, 3, 67])
 def test_points_in_any_segmentation(server, chunk):
     data = point(0) + point(1, THERE, 0.0, 0.5) + point(2)
-    server.send(*(data[begin : begin + chunk] for begin in range(0, len(data), chunk)))
+    server.send(*(data[first : first + chunk] for first in range(0, len(data), chunk)))
     server.rest()
     server.assert_answers((0, SUCCESS), (1, SUCCESS), (2, SUCCESS))
 

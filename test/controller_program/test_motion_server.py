@@ -63,7 +63,7 @@ def test_target_of_go_is_the_target_of_the_point(harness: RobotHarness, client: 
     radians = struct.unpack('<6f', struct.pack('<6f', 0.1, -0.2, 0.3, -0.4, 0.5, 3.25))
     assert harness.stream(client, [JointTrajPt(0, joint_data(radians), 0.0, 1.0)]) == [(0, OK)]
     harness.rest()
-    assert harness.robot.gone_to[0][0] == tuple(each * 57.29577951308232 for each in radians)
+    assert harness.robot.gone_to[0][0] == tuple(radian * 57.29577951308232 for radian in radians)
 
 
 def test_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -> None:
@@ -71,7 +71,9 @@ def test_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -> 
     assert harness.stream(client, points) == [(n, OK) for n in range(12)]
     harness.rest()
     assert [cp for *_, cp in harness.robot.gone_to] == [True] * 12
-    assert close_to(harness.robot.position, [math.degrees(each) for each in points[-1].joints[:6]])
+    assert close_to(
+        harness.robot.position, [math.degrees(joint) for joint in points[-1].joints[:6]]
+    )
 
 
 def test_rounding_of_speed_is_compensated(harness: RobotHarness, client: Client) -> None:
@@ -189,13 +191,13 @@ def test_speed_after_a_stop_is_computed_from_rest(harness: RobotHarness, client:
     """The points wait until the arm is at rest, so Speed fits the distance from there."""
     harness.stream(client, line(harness, 3, 40.0, 1.0))
     harness.run(0.5)
-    begun = len(harness.robot.gone_to)
+    started = len(harness.robot.gone_to)
     client.send(request(STOP), request(point(0, moved(harness.robot.position, j1=-20.0), 1.0)))
     harness.rest()
     assert client.replies() == [(-4, OK), (0, OK)]
-    target, speed, *_ = harness.robot.gone_to[begun]
+    target, speed, *_ = harness.robot.gone_to[started]
     origin = next(
-        where for when, where in harness.robot.path if when >= harness.robot.times[begun]
+        where for when, where in harness.robot.path if when >= harness.robot.times[started]
     )
     wanted = abs(target[0] - origin[0]) / FASTEST[0] / (1.0 - 0.012) * 100.0
     assert abs(speed - wanted) <= 1.0
@@ -205,7 +207,7 @@ def test_unanswered_points_fail_before_the_reply_to_stop() -> None:
     """Points beyond the look-ahead are unanswered when STOP arrives."""
     harness = RobotHarness(LOOK_AHEAD='4')
     client = harness.client()
-    client.send(*(request(each) for each in line(harness, 8, 10.0, 1.0)))
+    client.send(*(request(item) for item in line(harness, 8, 10.0, 1.0)))
     harness.run(0.2)
     assert client.replies() == [(n, OK) for n in range(4)]
     client.send(request(STOP))
@@ -238,17 +240,17 @@ def test_next_go_starts_without_a_pause(harness: RobotHarness, client: Client) -
     """The program does not wait between two Go statements."""
     harness.stream(client, line(harness, 10))
     harness.rest()
-    begun = harness.robot.times
+    started = harness.robot.times
     for (one, (_, speed, *_)), two in zip(
-        zip(begun, harness.robot.gone_to, strict=True), begun[1:], strict=False
+        zip(started, harness.robot.gone_to, strict=True), started[1:], strict=False
     ):
         assert two - one < 4.0 / FASTEST[0] / speed * 100.0 + 0.011
     rested = [
         one[1] == two[1]
         for one, two in pairwise(harness.robot.path)
-        if begun[0] < one[0] < begun[-1]
+        if started[0] < one[0] < started[-1]
     ]
-    assert sum(rested) <= len(begun)
+    assert sum(rested) <= len(started)
 
 
 def test_port_settings(harness: RobotHarness, client: Client) -> None:
@@ -265,7 +267,7 @@ HEARTBEAT = topic(Ping())
 
 def slow(harness: RobotHarness, count: int = 4) -> list:
     """Return requests for points that take the arm some seconds."""
-    return [request(each) for each in line(harness, count, step=10.0, duration=2.0)]
+    return [request(item) for item in line(harness, count, step=10.0, duration=2.0)]
 
 
 def test_client_may_be_silent_without_main(harness: RobotHarness, client: Client) -> None:

@@ -48,14 +48,14 @@ def test_programs_of_the_questions_can_be_built(program: Path) -> None:
         'main.prg': program.read_text(encoding='utf-8'),
         'UserErrors.dat': FILES['UserErrors.dat'],
     }
-    found = {problem.rule for problem in check(files, 6)}
-    assert found <= {LOOP_WITHOUT_WAIT}
+    result = {problem.rule for problem in check(files, 6)}
+    assert result <= {LOOP_WITHOUT_WAIT}
 
 
 def test_page_has_every_name_of_config() -> None:
     names = re.findall(r"(?m)^'?#define (\w+)", FILES['config.inc'])
     written = set(re.findall(r'`([A-Z]\w*|…_\w+|\w+_…)`', PAGE))
-    patterns = [each.replace('…', '') for each in written if '…' in each]
+    patterns = [item.replace('…', '') for item in written if '…' in item]
     for name in names:
         covered = any(name.startswith(p) or name.endswith(p) for p in patterns)
         assert name in written or covered or re.fullmatch(r'J\d_SPEED', name), name
@@ -73,7 +73,7 @@ def test_page_has_every_error_number_of_the_program() -> None:
 def test_measurement_of_the_page_returns_the_acceleration_times(caplog) -> None:
     """The measured times are those of the simulated arm and of the profile."""
     caplog.set_level(logging.INFO)
-    (program,) = [each for each in PROGRAMS if each.stem == 'measure_accelerations']
+    (program,) = [item for item in PROGRAMS if item.stem == 'measure_accelerations']
     harness = SpelProgramHarness(program.read_text(encoding='utf-8'), caplog)
     harness.until(lambda: harness.printed)
     _, quick, _, ramp = harness.printed[0].split()
@@ -106,8 +106,8 @@ def _parameters(test: Callable[..., None]) -> Iterator[dict[str, object]]:
     rows = []
     for names, values in marks:
         names = (names,) if isinstance(names, str) else names
-        values = [(each,) if len(names) == 1 else each for each in values]
-        rows.append([dict(zip(names, each, strict=True)) for each in values])
+        values = [(item,) if len(names) == 1 else item for item in values]
+        rows.append([dict(zip(names, item, strict=True)) for item in values])
     for chosen in product(*rows):
         given = {name: value for row in chosen for name, value in row.items()}
         if given.get('server', 'spel') == 'spel':
@@ -139,11 +139,11 @@ def test_every_statement_is_executed(caplog) -> None:
                         _run(test, port, given, caplog)
     missing = {
         (file, number, FILES[file].split('\n')[number - 1].strip())
-        for file, found in lines.items()
-        for number, executed in found.items()
+        for file, result in lines.items()
+        for number, executed in result.items()
         if not executed and file != LINES_OF_BYTES
     }
-    behind = {each for each in missing if each[2] == BEHIND_A_LOOP and each[0] in ENDLESS}
+    behind = {item for item in missing if item[2] == BEHIND_A_LOOP and item[0] in ENDLESS}
     assert sorted(missing - behind) == []
     assert {name for name in FILES if name.endswith('.prg')} == lines.keys()
 
@@ -154,13 +154,13 @@ ARITHMETIC = ('+', '-', '*', '/', 'mod', 'and')
 
 @pytest.mark.parametrize('name', ['BgMain', 'MotionServer', 'StateServer', 'IoServer'])
 def test_no_background_task_has_a_statement_outside_an_error_handler(name: str) -> None:
-    first = next(each for each in FUNCTIONS[name].body if not isinstance(each, Declaration))
+    first = next(item for item in FUNCTIONS[name].body if not isinstance(item, Declaration))
     assert isinstance(first, OnErr)
 
 
 def test_program_uses_only_old_syntax() -> None:
     """Assigned comparisons have brackets, and SetNet names its protocol."""
-    for node in walk([each.body for each in FUNCTIONS.values()]):
+    for node in walk([function.body for function in FUNCTIONS.values()]):
         if isinstance(node, Assign) and isinstance(node.value, Binary):
             line = FILES[node.at.file].split('\n')[node.at.line - 1]
             value = line[node.target.at.column - 1 :].partition(' = ')[2]

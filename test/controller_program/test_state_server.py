@@ -43,7 +43,9 @@ def status(harness: RobotHarness, client: Client) -> Status:
     """Return the last STATUS within a quarter of a second."""
     client.packets()
     harness.run(0.25)
-    return [each.message for each in client.packets() if isinstance(each.message, Status)][-1]
+    return [packet.message for packet in client.packets() if isinstance(packet.message, Status)][
+        -1
+    ]
 
 
 def test_joints_are_the_encoder_values_in_binary32(harness: RobotHarness, client: Client) -> None:
@@ -73,7 +75,7 @@ def test_joint_position_every_10_ms_and_status_after_ten(
     harness: RobotHarness, client: Client
 ) -> None:
     harness.run(10.0)
-    kinds = [type(each.message) for each in client.packets()]
+    kinds = [type(packet.message) for packet in client.packets()]
     assert 990 <= len(kinds) <= 1010
     period = kinds.index(Status)
     beats = [n for n, kind in enumerate(kinds) if kind is Status]
@@ -139,7 +141,7 @@ def test_arm_at_rest_with_pending_points_is_in_motion(
 def test_requests_are_answered_between_the_messages(harness: RobotHarness, client: Client) -> None:
     client.send(request(Ping()), request(Opaque(1599)))
     harness.run(0.2)
-    got = [each for each in client.packets() if each.reply_code]
+    got = [packet for packet in client.packets() if packet.reply_code]
     assert got == [reply(Ping(), ReplyCode.SUCCESS), reply(Opaque(1599), ReplyCode.FAILURE)]
 
 
@@ -170,7 +172,7 @@ def test_client_with_invalid_lengths_is_disconnected(
 
 def test_busy_controller_sends_later_but_not_more(harness: RobotHarness, client: Client) -> None:
     """After a gap the messages continue at their rate. Missed ones are skipped."""
-    task = next(each for each in harness.machine.world.tasks.values() if each.number == 67)
+    task = next(item for item in harness.machine.world.tasks.values() if item.number == 67)
     task.halted = True
     harness.run(2.0)
     client.packets()

@@ -68,10 +68,10 @@ def test_trajectory_of_another_arm_is_refused():
 
 def executed(**figures):
     """Return a run with these figures, and otherwise as planned."""
-    fields = {each.name: 0 for each in dataclasses.fields(Figures)}
-    found = Figures(**fields | {'planned': 1.0} | figures)
+    fields = {field.name: 0 for field in dataclasses.fields(Figures)}
+    result = Figures(**fields | {'planned': 1.0} | figures)
     still = Recording(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)))
-    return run.Run('smooth', still, found, 'there', {}, [1e-3], 0, (None, None))
+    return run.Run('smooth', still, result, 'there', {}, [1e-3], 0, (None, None))
 
 
 @pytest.mark.parametrize(
@@ -119,11 +119,11 @@ def test_pause_after_a_slow_start_is_a_stop():
     positions = np.zeros((len(times), 6))
     positions[:, 0] = np.cumsum(speed) * 0.0055
     plan = Trajectory(MODEL.joint_names, np.array([0.0, 2.5]), positions[[0, -1]])
-    found = measure(plan, Recording(times, positions, np.zeros_like(positions)))
+    result = measure(plan, Recording(times, positions, np.zeros_like(positions)))
     sent = Plan(0.05, plan.times, plan.positions)
     page = figures(Run('busy', 0, MODEL.joint_names, times, positions, plans=[sent]))
-    assert found.stops == 0
-    assert run.as_on_page(found, page).stops == 1
+    assert result.stops == 0
+    assert run.as_on_page(result, page).stops == 1
 
 
 def test_planned_stops_have_a_separate_text():
@@ -246,8 +246,8 @@ FAULT = 'smooth: the arm stopped once during the motion'
     ],
 )
 def test_missed_deadlines_make_the_verdict_too_busy(faults, missed, gap, code, words):
-    found, sentence = verdict(faults, missed, gap)
-    assert found == code
+    result, sentence = verdict(faults, missed, gap)
+    assert result == code
     assert words in sentence
     assert '\n' not in sentence
 
@@ -325,9 +325,9 @@ def client(monkeypatch):
     for name, value in ros_environment(free_ros_domain()).items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(ros_client, 'READY_TIMEOUT_S', 0.05)
-    found = RosClient(NAMES, lambda: None)
-    yield found
-    found.close()
+    result = RosClient(NAMES, lambda: None)
+    yield result
+    result.close()
 
 
 def test_requests_without_a_driver_report_the_missing_service(client):

@@ -39,14 +39,14 @@ def checked(**changes):
     environment = {k: v for k, v in os.environ.items() if not k.startswith('ROS_')} | changes
     findings = Findings(lambda finding: None)
     check_environment(findings, environment)
-    return {(each.level, each.about): each for each in findings.all}
+    return {(item.level, item.about): item for item in findings.all}
 
 
 def test_correct_environment_has_no_errors():
-    found = checked(ROS_DOMAIN_ID='42', ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
-    assert not [key for key in found if key[0] is Level.WRONG]
-    assert found[Level.OK, 'middleware'].found == 'rmw_fastrtps_cpp'
-    assert found[Level.OK, 'domain'].found == '42'
+    result = checked(ROS_DOMAIN_ID='42', ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    assert not [key for key in result if key[0] is Level.WRONG]
+    assert result[Level.OK, 'middleware'].found == 'rmw_fastrtps_cpp'
+    assert result[Level.OK, 'domain'].found == '42'
 
 
 @pytest.mark.parametrize(
@@ -66,9 +66,9 @@ def test_correct_environment_has_no_errors():
     ],
 )
 def test_wrong_environment_variable_is_reported_with_remedy(changes, key, message):
-    found = checked(**changes)
-    assert message in found[key].found
-    assert found[key].remedy
+    result = checked(**changes)
+    assert message in result[key].found
+    assert result[key].remedy
 
 
 def test_removed_or_foreign_shared_memory_is_reported(monkeypatch, tmp_path):
@@ -88,7 +88,7 @@ def test_removed_or_foreign_shared_memory_is_reported(monkeypatch, tmp_path):
     (tmp_path / 'SHARED/fastrtps_2').symlink_to('gone')
     findings = Findings(lambda finding: None)
     environment._check_shared_memory(findings)
-    lost, foreign, logout = (each.found for each in findings.all)
+    lost, foreign, logout = (item.found for item in findings.all)
     assert 'process 7 were removed' in lost
     assert f'user {os.getuid()} uses it' in foreign
     assert 'at logout' in logout
@@ -107,8 +107,8 @@ def test_message_of_another_package_is_reported(tmp_path):
         '    def get_fields_and_field_types():\n'
         '        return {"header": 1, "mode": 1}\n'
     )
-    found = checked(PYTHONPATH=str(tmp_path))
-    finding = found[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
+    result = checked(PYTHONPATH=str(tmp_path))
+    finding = result[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
     assert 'lacks e_stopped' in finding.found
     assert str(package) in finding.found
     assert 'PYTHONPATH' in finding.remedy
@@ -119,8 +119,8 @@ def test_class_that_is_not_a_message_is_reported(tmp_path):
     package.mkdir()
     (package / '__init__.py').touch()
     (package / 'msg.py').write_text('class RobotStatus: pass\n')
-    found = checked(PYTHONPATH=str(tmp_path))
-    finding = found[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
+    result = checked(PYTHONPATH=str(tmp_path))
+    finding = result[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
     assert str(package) in finding.found
     assert 'PYTHONPATH' in finding.remedy
 
@@ -134,21 +134,21 @@ def test_missing_packages_are_reported_with_remedy(tmp_path):
         (tmp_path / name).mkdir()
         text = f'raise ImportError("{name} was made for this test")\n'
         (tmp_path / name / '__init__.py').write_text(text)
-    found = checked(PYTHONPATH=str(tmp_path), ROS_DISTRO='jazzy', AMENT_PREFIX_PATH='/opt/here')
-    assert found[Level.OK, 'ROS'].found == 'jazzy (/opt/here)'
+    result = checked(PYTHONPATH=str(tmp_path), ROS_DISTRO='jazzy', AMENT_PREFIX_PATH='/opt/here')
+    assert result[Level.OK, 'ROS'].found == 'jazzy (/opt/here)'
     for about in ('rclpy', 'epson_msgs/msg/IoPoint'):
         name = about.partition('/')[0]
-        assert found[Level.WRONG, about].found == f'ImportError: {name} was made for this test'
-        assert 'colcon build' in found[Level.WRONG, about].remedy
+        assert result[Level.WRONG, about].found == f'ImportError: {name} was made for this test'
+        assert 'colcon build' in result[Level.WRONG, about].remedy
 
 
 def test_old_python_and_hanging_import_are_errors(monkeypatch):
     monkeypatch.setattr(environment, 'MIN_PYTHON', (99, 0))
     monkeypatch.setattr(environment, 'ASK_TIMEOUT_S', 1e-3)
-    found = checked(ROS_DOMAIN_ID='42')
-    assert 'is too old' in found[Level.WRONG, 'Python'].found
-    assert found[Level.WRONG, 'ROS'].found == 'importing rclpy took more than 0.001 s'
-    assert (Level.OK, 'domain') in found  # the other checks still run
+    result = checked(ROS_DOMAIN_ID='42')
+    assert 'is too old' in result[Level.WRONG, 'Python'].found
+    assert result[Level.WRONG, 'ROS'].found == 'importing rclpy took more than 0.001 s'
+    assert (Level.OK, 'domain') in result  # the other checks still run
 
 
 @pytest.fixture
@@ -158,8 +158,8 @@ def called(monkeypatch, capsys):
 
     def call(*words, graph=None, moveit=None, drivers=()):
         """`graph`: output of the ROS graph process, by default with `moveit` and `drivers`."""
-        found = json.dumps({'moveit': moveit, 'drivers': drivers})
-        output = graph or f'a line of the middleware\n{found}'
+        result = json.dumps({'moveit': moveit, 'drivers': drivers})
+        output = graph or f'a line of the middleware\n{result}'
         printed = [sys.executable, '-c', f'print({output!r})']
         monkeypatch.setattr(command, 'module_command', lambda *_: printed)
         monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', *words])
@@ -182,8 +182,8 @@ NAMES = list(load_robot_model('c3_a601s').joint_names)
     ],
 )
 def test_joints_of_moveit_are_compared_with_the_model(called, joints, code, message):
-    found, output = called(moveit=joints)
-    assert found == code
+    result, output = called(moveit=joints)
+    assert result == code
     assert message in output
 
 
@@ -394,9 +394,11 @@ def test_ros2_doctor_counts_the_errors(monkeypatch):
     check = EpsonDriverCheck()
     assert check.category() == 'epson_driver'
     result = check.check()
-    assert result.errors == 1 + any('rclpy' in each for each in messages)
+    assert result.errors == 1 + any('rclpy' in message for message in messages)
     assert result.errors + result.warnings == len(messages)
-    assert any('every machine on this network can move the robot' in each for each in messages)
-    assert any('ROS_DOMAIN_ID' in each for each in messages)
+    assert any(
+        'every machine on this network can move the robot' in message for message in messages
+    )
+    assert any('ROS_DOMAIN_ID' in message for message in messages)
     text = (Path(__file__).parents[2] / 'setup.py').read_text(encoding='utf-8')
     assert 'cli.ros2_doctor:EpsonDriverCheck' in text

@@ -114,7 +114,7 @@ def points_of(profile):
 
 
 def found_at(findings, level):
-    return {each.about: each.found for each in findings.all if each.level is level}
+    return {item.about: item.found for item in findings.all if item.level is level}
 
 
 def test_profiles_of_this_file_are_complete():
@@ -135,14 +135,14 @@ def test_remote_profile_is_examined_by_remote_ethernet():
 
 def test_remote_profile_reports_an_open_door():
     _, findings = examined('remote', prepare=lambda controller: controller.apply(Event.DOOR_OPEN))
-    assert any('door is open' in each.found for each in findings.all)
+    assert any('door is open' in item.found for item in findings.all)
 
 
 def test_occupied_remote_port_is_reported():
     _, findings = examined(
         'remote', inside=lambda ports: logged_in('127.0.0.1', ports.remote, 1000.0)
     )
-    (wrong,) = [each for each in findings.all if each.level is Level.WRONG]
+    (wrong,) = [item for item in findings.all if item.level is Level.WRONG]
     assert 'closed by the controller before the reply to Login' in wrong.found
     assert 'stop the other one, which may be the driver' in wrong.remedy
 
@@ -161,17 +161,17 @@ def test_learned_profile_equals_the_original_or_gives_reasons(tmp_path, name):
     for key in set(RULES) - missing - {'name', 'description', 'approximate'}:
         if key.startswith('ports.'):
             continue  # chosen by this test
-        found, true = value_of(learned, key), value_of(original, key)
+        result, true = value_of(learned, key), value_of(original, key)
         if key == 'state.period':
-            assert found == pytest.approx(true, rel=0.02), key
+            assert result == pytest.approx(true, rel=0.02), key
         elif key == 'program.motors' and name != 'motoman':
             seen = 'restart' if name == 'spel' else 'remote_ethernet'
-            assert (found, true) == (seen, original.program.motors)
+            assert (result, true) == (seen, original.program.motors)
         elif key == 'io':
-            ours, theirs = points_of(found), points_of(true)
+            ours, theirs = points_of(result), points_of(true)
             assert ours == (theirs | IO_OF_SPEL if name == 'spel' else theirs)
         else:
-            assert found == true, key
+            assert result == true, key
     text = path.read_text(encoding='utf-8')
     for key in missing:
         assert f'# * {key}: {why_not(key)}' in text
@@ -205,9 +205,9 @@ def test_profile_fits_its_controller(name):
 
 def test_wrong_profile_is_reported_by_key():
     _, findings = examined(expected='fanuc')
-    wrong = [each.found for each in findings.all if each.level is Level.WRONG]
+    wrong = [item.found for item in findings.all if item.level is Level.WRONG]
     assert 'byte_order is little, but big in the profile fanuc' in wrong
-    assert any(each.startswith('state.period is 0.00') for each in wrong)
+    assert any(item.startswith('state.period is 0.00') for item in wrong)
     assert findings.exit_code == 1
 
 
@@ -308,7 +308,7 @@ def test_estop_is_reported_with_remedy():
 
     _, findings = examined(prepare=press)
     assert 'pressed' in found_at(findings, Level.HELD)['E-stop']
-    assert all(each.remedy for each in findings.all if each.level is Level.WRONG)
+    assert all(item.remedy for item in findings.all if item.level is Level.WRONG)
 
 
 def enabled(controller):
@@ -376,11 +376,11 @@ def test_arm_that_can_move_has_no_findings():
 )
 def test_remote_port_gives_reasons_missing_in_status(prepare, about, text):
     _, findings = examined('rc700a', prepare=prepare, may_ask=True)
-    held = [each for each in findings.all if each.level is Level.HELD]
+    held = [item for item in findings.all if item.level is Level.HELD]
     assert held[0].about == about
     assert text in held[0].found
-    assert len({each.about for each in held}) == len(held)
-    assert 'the arm' not in [each.about for each in held]  # the general reason is replaced
+    assert len({item.about for item in held}) == len(held)
+    assert 'the arm' not in [item.about for item in held]  # the general reason is replaced
     assert 'Remote Ethernet replies: ' in found_at(findings, Level.OK)['remote port']
 
 

@@ -40,7 +40,7 @@ async def pings(_reader, writer):
 
 async def falls_silent(reader, writer):
     for _ in range(2):
-        writer.write(b''.join(encode(topic(each), LITTLE_ENDIAN) for each in (JOINTS, OFF)))
+        writer.write(b''.join(encode(topic(item), LITTLE_ENDIAN) for item in (JOINTS, OFF)))
         await asyncio.sleep(0.1)
     await reader.read()
 
@@ -49,12 +49,12 @@ def state_port_errors(scripted, **options):
     """Return the errors of the state port, and their remedies."""
     _, findings = examined(scripted, **options)
     wrong = [
-        each for each in findings.all if each.about == 'state port' and each.level is Level.WRONG
+        item for item in findings.all if item.about == 'state port' and item.level is Level.WRONG
     ]
     assert findings.exit_code == 1
     assert 'nothing is wrong' not in findings.verdict
-    assert all(each.remedy for each in wrong)
-    return [each.found for each in wrong], [each.remedy for each in wrong]
+    assert all(item.remedy for item in wrong)
+    return [item.found for item in wrong], [item.remedy for item in wrong]
 
 
 KINDS = [
@@ -83,14 +83,14 @@ KINDS = [
 
 
 @pytest.mark.parametrize(
-    ('talks', 'options', 'sentence'), [each[1:] for each in KINDS], ids=[each[0] for each in KINDS]
+    ('talks', 'options', 'sentence'), [kind[1:] for kind in KINDS], ids=[kind[0] for kind in KINDS]
 )
 def test_service_at_a_wrong_port_is_identified(talks, options, sentence):
     options = options if talks else {'state_port': 1}
-    found, _ = state_port_errors(ScriptedPorts(**({'state': silent} | talks)), **options)
-    assert sentence in found[0]
-    others = [each[3] for each in KINDS if each[3] != sentence]
-    assert not [each for each in others if any(each in one for one in found)]
+    result, _ = state_port_errors(ScriptedPorts(**({'state': silent} | talks)), **options)
+    assert sentence in result[0]
+    others = [kind[3] for kind in KINDS if kind[3] != sentence]
+    assert not [other for other in others if any(other in one for one in result)]
 
 
 @pytest.mark.invariant(7)
@@ -103,7 +103,7 @@ def test_other_protocol_at_the_state_port_is_reported(noise):
         await reader.read()
 
     facts, findings = examined(ScriptedPorts(state=send_noise))
-    (error,) = [each.found for each in findings.all if each.about == 'state port']
+    (error,) = [item.found for item in findings.all if item.about == 'state port']
     assert 'another program replies there' in error or 'nothing came' in error
     assert facts == {}
 
@@ -125,8 +125,8 @@ def test_reason_of_a_failed_connection_is_reported(monkeypatch, error, sentence,
         raise error
 
     monkeypatch.setattr(listening.asyncio, 'open_connection', fails)
-    found, remedies = state_port_errors(ScriptedPorts(state=silent))
-    assert sentence in found[0]
+    result, remedies = state_port_errors(ScriptedPorts(state=silent))
+    assert sentence in result[0]
     assert remedy in remedies[0]
     assert 'start the program' not in remedies[0]
 
@@ -142,8 +142,8 @@ def test_lost_machine_is_reported(monkeypatch):
         raise OSError(errno.ETIMEDOUT, 'Connection timed out')
 
     monkeypatch.setattr(asyncio.StreamReader, 'read', gone)
-    found, remedies = state_port_errors(ScriptedPorts(state=sends(JOINTS, OFF)))
-    assert 'half-open: the connection is up, but the machine is gone' in found[0]
+    result, remedies = state_port_errors(ScriptedPorts(state=sends(JOINTS, OFF)))
+    assert 'half-open: the connection is up, but the machine is gone' in result[0]
     assert 'cable' in remedies[0]
 
 
@@ -155,8 +155,8 @@ def test_nothing_is_sent_to_a_silent_robot_port(monkeypatch):
         received.append(await reader.read())
 
     monkeypatch.setattr('epson_driver.doctor.port_checks.ROBOT_PORTS', frozenset(range(65536)))
-    found, _ = state_port_errors(ScriptedPorts(state=motion))
-    assert found[0].startswith('accepts, but sent nothing')
+    result, _ = state_port_errors(ScriptedPorts(state=motion))
+    assert result[0].startswith('accepts, but sent nothing')
     assert received == [b'']
 
 
@@ -166,13 +166,13 @@ def test_period_is_correct_on_a_busy_machine(seed):
     draw = random.Random(seed)
     sent = [0.005 * number for number in range(1000)]
     times, read = [], 0.0
-    for each in sent:
-        if each > read:  # the process is delayed at random, for up to 80 ms
-            read = each + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
-        times.append(max(read, each))
-    found = rhythm(times, 0.08)
-    assert abs(found - 0.005) <= found.uncertainty + 0.02 * 0.005
-    assert found.uncertainty < 0.0005
+    for item in sent:
+        if item > read:  # the process is delayed at random, for up to 80 ms
+            read = item + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
+        times.append(max(read, item))
+    result = rhythm(times, 0.08)
+    assert abs(result - 0.005) <= result.uncertainty + 0.02 * 0.005
+    assert result.uncertainty < 0.0005
 
 
 def test_gap_in_the_stream_does_not_change_the_period():

@@ -65,11 +65,11 @@ def checked(arm, check):
         await asyncio.sleep(0.1)
 
     run(scenario())
-    return {each.about: each for each in findings.all}
+    return {item.about: item for item in findings.all}
 
 
 def test_joints_that_follow_the_jog_are_ok():
-    assert {each.level for each in checked(Arm(), check_joints).values()} == {Level.OK}
+    assert {item.level for item in checked(Arm(), check_joints).values()} == {Level.OK}
 
 
 @pytest.mark.parametrize(
@@ -82,11 +82,11 @@ def test_joints_that_follow_the_jog_are_ok():
     ],
 )
 def test_wrong_joint_is_reported_with_remedy(moves, joint, message, remedy):
-    found = checked(Arm(moves), check_joints)
-    assert found[f'joint {joint}'].level is Level.WRONG
-    assert message in found[f'joint {joint}'].found
-    assert remedy in found[f'joint {joint}'].remedy
-    assert sum(each.level is Level.WRONG for each in found.values()) == 1
+    result = checked(Arm(moves), check_joints)
+    assert result[f'joint {joint}'].level is Level.WRONG
+    assert message in result[f'joint {joint}'].found
+    assert remedy in result[f'joint {joint}'].remedy
+    assert sum(item.level is Level.WRONG for item in result.values()) == 1
 
 
 def test_joint_can_be_skipped():
@@ -113,9 +113,9 @@ def shown(off_mm=0.0, turned_deg=0.0):
     ],
 )
 def test_tool0_is_compared_with_the_pendant(typed, level, message):
-    found = checked(Arm(typed=typed), check_tool)['tool0']
-    assert found.level is level
-    assert message in found.found
+    result = checked(Arm(typed=typed), check_tool)['tool0']
+    assert result.level is level
+    assert message in result.found
 
 
 @pytest.mark.invariant(8)
@@ -124,7 +124,7 @@ def test_missing_or_non_finite_joints_are_errors(joints):
     """NaN differs from nothing, so a comparison alone would accept it."""
     arm = Arm(typed=shown())
     arm.joints = joints
-    found = [*checked(arm, check_joints).values(), *checked(arm, check_tool).values()]
-    assert len(found) == 7
-    assert {each.level for each in found} == {Level.WRONG}
-    assert {each.found for each in found} == {'no joint states with finite numbers received'}
+    result = [*checked(arm, check_joints).values(), *checked(arm, check_tool).values()]
+    assert len(result) == 7
+    assert {item.level for item in result} == {Level.WRONG}
+    assert {item.found for item in result} == {'no joint states with finite numbers received'}

@@ -88,7 +88,7 @@ class ScriptedPorts:
         for name, talk in self._talks.items():
             server = await asyncio.start_server(self._attended(talk), '127.0.0.1', 0)
             self._servers[name] = server
-        return {name: each.sockets[0].getsockname()[1] for name, each in self._servers.items()}
+        return {name: item.sockets[0].getsockname()[1] for name, item in self._servers.items()}
 
     async def __aexit__(self, *_):
         await accepted()
@@ -145,7 +145,7 @@ def examined(scripted, ask=None, **options):
 
 
 def found(findings, level):
-    return {each.about: each.found for each in findings.all if each.level is level}
+    return {item.about: item.found for item in findings.all if item.level is level}
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,7 @@ def found(findings, level):
 def test_wrong_messages_are_reported(talk, level, about, text):
     """Simultaneous joint states must not cause a ZeroDivisionError."""
     _, findings = examined(ScriptedPorts(state=talk))
-    (finding,) = [each for each in findings.all if each.about == about]
+    (finding,) = [item for item in findings.all if item.about == about]
     assert finding.level is level
     assert text in finding.found
     assert finding.remedy
@@ -389,7 +389,7 @@ def test_unresponsive_remote_port_is_reported(talk, text, remedy):
     talks = {} if talk is None else {'remote': talk}
     allowed = {'may_ask': True} | ({'remote_port': VACANT} if talk is None else {})
     facts, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF), **talks), **allowed)
-    (wrong,) = [each for each in findings.all if each.about == 'remote port']
+    (wrong,) = [item for item in findings.all if item.about == 'remote port']
     assert wrong.level is Level.WRONG
     assert text in wrong.found
     assert remedy in wrong.remedy

@@ -305,7 +305,7 @@ def test_inv4_inv6_restarted_controller_moves_nothing_before_enable(tmp_path):
                 samples = len(harness.events.samples)
                 await asyncio.sleep(2.3)
                 assert len(harness.events.samples) == samples
-                statuses = [each for each in harness.events.statuses if each[0] >= down]
+                statuses = [item for item in harness.events.statuses if item[0] >= down]
                 assert {status for _, status in statuses} == {Status()}
                 times = [down, *(time for time, _ in statuses), now()]
                 assert max(b - a for a, b in pairwise(times)) < 1.3
@@ -396,7 +396,7 @@ async def test_every_state_message_is_one_event():
     async with cell(enabled=False) as (harness, _):
         link = harness.driver.state_link
         await until(lambda: len(harness.events.samples) >= 100)
-        known = [each for each in harness.events.statuses if each[1] != Status()]
+        known = [status for status in harness.events.statuses if status[1] != Status()]
         # the first joints have no velocity yet
         assert len(harness.events.samples) + 1 + len(known) == link.statistics.frames_received
         assert abs(len(harness.events.samples) / len(known) - 10.0) < 2.0

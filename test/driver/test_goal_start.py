@@ -21,10 +21,10 @@ AHEAD_S = 0.8
 async def test_goal_starts_at_its_stamp(options, monkeypatch):
     smooth_on_the_spot(monkeypatch)
     async with cell(**options) as (harness, _):
-        begin, before = now(), harness.at
+        start, before = now(), harness.at
         goal = harness.submit(pose(0.3), ahead=2.0)
         await until(lambda: goal.handle.execution.state is GoalState.STREAMING)
-        assert now() - begin == pytest.approx(2.0, abs=0.02)
+        assert now() - start == pytest.approx(2.0, abs=0.02)
         assert np.array_equal(harness.at, before)
         outcome = await goal.end()
         assert outcome.end is End.SUCCEEDED

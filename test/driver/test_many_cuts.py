@@ -194,7 +194,7 @@ def test_inv4_100_cuts_end_their_goals_cleanly_and_move_nothing():
 
     async def scenario():
         async with cell() as one, cell() as two, cell() as three, cell() as four:
-            cells = [CutCell(*each, number) for number, each in enumerate((one, two, three, four))]
+            cells = [CutCell(*item, number) for number, item in enumerate((one, two, three, four))]
             await asyncio.sleep(0.1)  # connections of ~/enable are closed
             tasks, sockets = len(asyncio.all_tasks()), open_sockets()
 

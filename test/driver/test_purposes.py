@@ -7,7 +7,7 @@ from types import SimpleNamespace as Fake
 import pytest
 
 from epson_driver.driver.inhibit import Cause, Purpose, second_driver
-from epson_driver.driver.why_not import WhyNot
+from epson_driver.driver.why_not import InhibitTable
 from epson_driver.error_texts import load_error_texts
 from epson_driver.link import LinkState
 from epson_driver.simple_message import Mode, Status
@@ -38,7 +38,7 @@ ORDER = {
 }
 
 
-def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> WhyNot:
+def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> InhibitTable:
     """Return the table of a driver to which these causes apply."""
 
     def link(name: str, cause: Cause) -> Fake:
@@ -55,7 +55,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Why
     )
     robot = Fake(
         errors=load_error_texts(),
-        withheld=False,
+        joints_unavailable=False,
         sample=Fake(measured=NOW - 5.0 * (Cause.NO_JOINTS in wrong)),
         status=status,
         status_time=NOW - 5.0 * (Cause.NO_STATUS in wrong),
@@ -71,7 +71,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Why
         stands='the arm is moving',
         stopped_velocity=0.01,
     )
-    return WhyNot(
+    return InhibitTable(
         Fake(
             state_link=link('state', Cause.NO_STATE_LINK),
             motion_link=link('motion', Cause.NO_MOTION_LINK),
@@ -85,7 +85,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Why
             why_no_stream='',
             stops=['stopped'] * (Cause.STOPPING in wrong),
         ),
-        Fake(active=False, occupation=lambda: 'a stream' if Cause.STREAM in wrong else None),
+        Fake(active=False, active_user=lambda: 'a stream' if Cause.STREAM in wrong else None),
         1.0,
         lambda: False,
         second_driver('another') if Cause.SECOND_DRIVER in wrong else None,

@@ -37,12 +37,12 @@ WINDOW_S = 0.1
 
 def back_and_forth(duration, distance=0.15, count=11):
     """Return a smooth plan of joint 1 from HOME and back."""
-    share = np.linspace(0.0, 1.0, count)
-    bump = 16 * share**2 * (1 - share) ** 2
-    rate = 32 * share * (1 - share) * (1 - 2 * share)
+    fraction = np.linspace(0.0, 1.0, count)
+    bump = 16 * fraction**2 * (1 - fraction) ** 2
+    rate = 32 * fraction * (1 - fraction) * (1 - 2 * fraction)
     end = pose(distance)
     positions, velocities = np.outer(bump, end), np.outer(rate, end) / duration
-    return Trajectory(LIMITS.names, share * duration, positions, velocities)
+    return Trajectory(LIMITS.names, fraction * duration, positions, velocities)
 
 
 def one_point(duration, distance=0.15):
@@ -171,8 +171,10 @@ FRACTIONS = np.linspace(0.0, 1.0, 41)[1:]
 
 def slow_path(name):
     """Return a plan of joint 1 at SLOW, or at the fixed speed of a controller that has one."""
-    share = 0.2 if name == 'fanuc' else SLOW
-    time = 0.2 + (FRACTIONS + 1.0 - np.cos(np.pi * FRACTIONS / 4)) / (share * LIMITS.velocity[0])
+    fraction = 0.2 if name == 'fanuc' else SLOW
+    time = 0.2 + (FRACTIONS + 1.0 - np.cos(np.pi * FRACTIONS / 4)) / (
+        fraction * LIMITS.velocity[0]
+    )
     return Trajectory(LIMITS.names, time, np.array([pose(value) for value in FRACTIONS]))
 
 

@@ -24,7 +24,7 @@ from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.motion import Trajectory, problems
 from epson_driver.motion import smoothed as smoothed_module
-from epson_driver.motion.passages import passed
+from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode
 from epson_driver.robots import load_robot_model

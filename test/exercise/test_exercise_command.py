@@ -33,7 +33,7 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.zeros(6), moved=True)
 @pytest.fixture
 def called(monkeypatch, capsys):
     """Return a function that calls the command. `case` replaces a run of the program."""
-    before = {each: signal.getsignal(each) for each in ENDING}
+    before = {item: signal.getsignal(item) for item in ENDING}
 
     def call(case, *words):
         monkeypatch.setattr(exercise, 'run_case', case)
@@ -42,8 +42,8 @@ def called(monkeypatch, capsys):
         return exercise.main(), capsys.readouterr().out
 
     yield call
-    for each, handler in before.items():
-        signal.signal(each, handler)
+    for element, handler in before.items():
+        signal.signal(element, handler)
 
 
 @pytest.mark.parametrize(
@@ -132,11 +132,11 @@ def empty_cell(tmp_path, monkeypatch):
     """A cell without controller and driver."""
     monkeypatch.setattr(cell_module, 'READY_TIMEOUT_S', 0.1)
     port = vacant_port()
-    found = SimulatedCell(
+    result = SimulatedCell(
         Ports(port, port, port, port), processes.free_ros_domain(), tmp_path, MODEL, ''
     )
-    yield found
-    found.observer.close()
+    yield result
+    result.observer.close()
 
 
 @pytest.mark.slow

@@ -31,11 +31,11 @@ def program(name):
 
 def verdicts(junit):
     """Return the failure of each fault, or 'passed'."""
-    found = {}
+    result = {}
     for case in ElementTree.parse(junit).getroot():
         failure = case.find('failure')
-        found[case.get('name')] = 'passed' if failure is None else failure.get('message')
-    return found
+        result[case.get('name')] = 'passed' if failure is None else failure.get('message')
+    return result
 
 
 @pytest.mark.slow

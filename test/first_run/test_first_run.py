@@ -20,7 +20,15 @@ from support.examples import quickly
 from epson_driver.cli.first_run import _Keyboard
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Findings
-from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Book, Entry, likeness, load
+from epson_driver.first_run.book import (
+    DONE,
+    FAILED,
+    SKIPPED,
+    Entry,
+    FirstRunRecord,
+    likeness,
+    load,
+)
 from epson_driver.first_run.run import CHOICES, go_through
 from epson_driver.first_run.steps import QUESTIONS, FirstRun, Found, steps
 from epson_driver.inputs import InputError
@@ -153,7 +161,7 @@ class User:
             self.true = np.array(controller.joint_position().joints)
             return 's' if self.step in self.skips else ''
         if sentence.startswith('J1 J2'):
-            return ' '.join(f'{math.degrees(each):.3f}' for each in self.true[:6])
+            return ' '.join(f'{math.degrees(item):.3f}' for item in self.true[:6])
         if sentence.startswith('Set the power LOW'):
             self._recover()
         elif sentence.startswith('Release it'):
@@ -213,11 +221,11 @@ def first_day(
                 may_ask=False,
                 may_use_io=False,
             )
-            names = [each.name for each in steps(6)]
+            names = [step.name for step in steps(6)]
             skips = () if only is None else set(names) - set(only)
             user = User(controller, skips)
             about = {'address': '127.0.0.1', 'controller': 'simulated', 'robot': 'c3_a601s'}
-            book = Book(about | {'when': 'in a test'})
+            book = FirstRunRecord(about | {'when': 'in a test'})
             run = FirstRun(question, user.ask, findings)
             made['ended'] = await go_through(run, book, path, user.see)
             made.update(user=user, book=load(path), path=path)
@@ -231,9 +239,9 @@ def test_normal_controller_completes_every_step(tmp_path):
     made = first_day(tmp_path)
     book = made['book']
     assert made['ended']
-    assert {name: each.why for name, each in book.entries.items() if each.state != DONE} == {}
+    assert {name: item.why for name, item in book.entries.items() if item.state != DONE} == {}
     assert book.habits == []
-    assert list(book.entries) == [each.name for each in steps(6)]
+    assert list(book.entries) == [step.name for step in steps(6)]
 
 
 HABITS = [
@@ -269,13 +277,13 @@ LONG = (['points'], ['STOP'])
 
 @pytest.mark.parametrize(
     ('only', 'options', 'habit'),
-    quickly([each for each in HABITS if each[0] not in LONG][::3], HABITS),
-    ids=[each[2] for each in HABITS],
+    quickly([item for item in HABITS if item[0] not in LONG][::3], HABITS),
+    ids=[item[2] for item in HABITS],
 )
 def test_peculiarity_of_a_controller_is_detected(tmp_path, only, options, habit):
     book = first_day(tmp_path, only=only, **options)['book']
-    entries = {name: (each.state, each.why) for name, each in book.entries.items()}
-    assert [each for each in book.habits if habit in each], (book.habits, entries)
+    entries = {name: (element.state, element.why) for name, element in book.entries.items()}
+    assert [item for item in book.habits if habit in item], (book.habits, entries)
 
 
 def simpler(**sections):
@@ -330,7 +338,9 @@ def test_interrupted_session_can_be_resumed(tmp_path):
         monkeyed = dataclasses.replace(run, question=NOBODY)
         return await go_through(monkeyed, book, path, output.append)
 
-    book = Book({'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'})
+    book = FirstRunRecord(
+        {'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'}
+    )
     ended = []
 
     async def once():
@@ -339,7 +349,7 @@ def test_interrupted_session_can_be_resumed(tmp_path):
     run_loop(once(), 60.0)
     assert ended == [False]
     kept = load(path)
-    assert [(name, each.state) for name, each in kept.entries.items()] == [('listen', SKIPPED)]
+    assert [(name, item.state) for name, item in kept.entries.items()] == [('listen', SKIPPED)]
     kept.entries['listen'].state = DONE
     kept.save(path)
     output.clear()
@@ -371,7 +381,9 @@ NOBODY = Question(
 
 def test_step_without_a_controller_fails_with_the_reason(tmp_path):
     path = tmp_path / 'day.html'
-    book = Book({'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'})
+    book = FirstRunRecord(
+        {'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'}
+    )
     findings = Findings(lambda finding: None)
 
     async def user(sentence):
@@ -400,7 +412,7 @@ def test_texts_are_escaped_on_the_page(tmp_path):
     path = tmp_path / 'x.html'
     evil = '<script>alert(1)</script><img src=x onerror=alert(2)>'
     about = {'address': evil, 'controller': 'simulated', 'robot': evil, 'when': evil}
-    book = Book(
+    book = FirstRunRecord(
         about, {evil: Entry(DONE, evil, Found({}, {evil: 1.0}, {evil: evil}, [evil]), evil)}
     )
     book.save(path)
@@ -470,8 +482,8 @@ def test_inv1_input_before_the_question_is_discarded(monkeypatch):
 
 @pytest.mark.invariant(1)
 def test_every_moving_step_warns_before_it_starts(tmp_path):
-    moving = [each for each in steps(6) if each.moves]
-    assert [each.name for each in moving] == [
+    moving = [step for step in steps(6) if step.moves]
+    assert [item.name for item in moving] == [
         *(f'joint {number}' for number in range(1, 7)),
         'STOP',
         'points',
@@ -479,14 +491,14 @@ def test_every_moving_step_warns_before_it_starts(tmp_path):
         'door',
         'cable',
     ]
-    assert all('THE ARM MOVES' in each.says for each in moving)
-    assert not [each for each in steps(6) if 'MOVES' in each.says and not each.moves]
+    assert all('THE ARM MOVES' in item.says for item in moving)
+    assert not [step for step in steps(6) if 'MOVES' in step.says and not step.moves]
 
 
 def test_open_questions_of_the_page_have_programs():
     folder = Path(__file__).parents[2] / 'docs'
     page = (folder / 'controller_program.md').read_text(encoding='utf-8')
     asked = page[page.index('## Open questions') :]
-    assert {each for each in QUESTIONS if f'[{each}]' in asked} == QUESTIONS.keys()
+    assert {question for question in QUESTIONS if f'[{question}]' in asked} == QUESTIONS.keys()
     for program in QUESTIONS:
         assert (folder / 'examples' / 'spel' / program).is_file()

@@ -24,7 +24,7 @@ from support.recorded_run import usual_run
 
 from epson_driver.bringup.params_file import node_sections
 from epson_driver.error_texts import load_error_texts, read_error_texts
-from epson_driver.first_run.book import DONE, Book, Entry, likeness, load
+from epson_driver.first_run.book import DONE, Entry, FirstRunRecord, likeness, load
 from epson_driver.first_run.steps import Found
 from epson_driver.inputs import InputError, read_file, write_file
 from epson_driver.motion import Trajectory
@@ -168,10 +168,10 @@ def _page(data: str) -> bytes:
 def wrong_types(valid: bytes) -> Iterator[bytes]:
     """Yield the file with each of its values replaced, at most 60 of them, by any type."""
     text = '' if b'\0' in valid else valid.decode('latin-1')
-    found = list(re.finditer(r'(?<=[:=])( ?"[^"\n]*"| ?-?[\w.]+| ?\[[^\]\n]*\])(?=[,}\n])', text))
-    for each in found[:: len(found) // 60 + 1]:
+    result = list(re.finditer(r'(?<=[:=])( ?"[^"\n]*"| ?-?[\w.]+| ?\[[^\]\n]*\])(?=[,}\n])', text))
+    for item in result[:: len(result) // 60 + 1]:
         for value in VALUES:
-            yield f'{text[: each.start()]} {value}{text[each.end() :]}'.encode('latin-1')
+            yield f'{text[: item.start()]} {value}{text[item.end() :]}'.encode('latin-1')
 
 
 # --- readers ----------------------------------------------------------------------------------
@@ -182,8 +182,10 @@ def _first_day(folder: Path) -> Path:
     facts: dict[str, object] = {'reply delay': 0.25, 'lateness': 0.5, 'rests at points': True}
     facts |= {'state.period': 0.005, 'io': {'digital_inputs': 24}, 'byte_order': 'little'}
     times = {'joint 1: point sent to motion seen': 0.75}
-    found = Found(facts, times, {'power': 'low'}, ['replies come late'])
-    Book(about, {'listen': Entry(DONE, 'now', found, 'why', 'AAAA')}).save(folder / 'day.html')
+    result = Found(facts, times, {'power': 'low'}, ['replies come late'])
+    FirstRunRecord(about, {'listen': Entry(DONE, 'now', result, 'why', 'AAAA')}).save(
+        folder / 'day.html'
+    )
     return folder / 'day.html'
 
 
@@ -227,8 +229,10 @@ def _bag(ending: str) -> Callable[[Path], Path]:
             Writer(folder / 'db', version=9, storage_plugin=StoragePlugin.SQLITE3) as other,
         ):
             topics = {
-                each.id: other.add_connection(each.topic, each.msgtype, typestore=typestore())
-                for each in bag.connections
+                connection.id: other.add_connection(
+                    connection.topic, connection.msgtype, typestore=typestore()
+                )
+                for connection in bag.connections
             }
             for topic, time, data in bag.messages():
                 other.write(topics[topic.id], time, data)
@@ -334,7 +338,9 @@ def _picture(path: Path) -> None:
     save_picture(path, Figure())
 
 
-BOOK = Book({'controller': 'simulated', 'robot': 'c3_a601s', 'address': '::1', 'when': 'now'})
+BOOK = FirstRunRecord(
+    {'controller': 'simulated', 'robot': 'c3_a601s', 'address': '::1', 'when': 'now'}
+)
 PLAN = Trajectory(('joint_1',), np.array([0.0, 1.0]), np.array([[0.0], [0.1]]))
 WRITERS: dict[str, tuple[Callable[[Path], object], str]] = {
     'any': (lambda path: write_file(path, 'text'), '.txt'),
@@ -371,10 +377,10 @@ def test_inv7_writer_replaces_whole_files_only(name: str, tmp_path: Path) -> Non
     for kind, put in (NO_FILE | links).items():
         path = folder(kind)
         path = put(path) or path
-        before = {each: each.lstat().st_mode for each in path.parent.glob('*')}
+        before = {item: item.lstat().st_mode for item in path.parent.glob('*')}
         assert check_refused(writer, path), kind
-        assert {each: each.lstat().st_mode for each in path.parent.glob('*')} == before, kind
-        assert [each.name for each in victim.parent.iterdir()] == ['secret'], kind
+        assert {item: item.lstat().st_mode for item in path.parent.glob('*')} == before, kind
+        assert [item.name for item in victim.parent.iterdir()] == ['secret'], kind
         assert victim.read_text() == 'mine', kind
 
     path = folder('replaced')
@@ -396,4 +402,4 @@ def test_inv7_writer_replaces_whole_files_only(name: str, tmp_path: Path) -> Non
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_text() == 'old'
-    assert sorted(each.name for each in path.parent.iterdir()) == [path.name, 'victim']
+    assert sorted(item.name for item in path.parent.iterdir()) == [path.name, 'victim']

@@ -79,10 +79,10 @@ def raw(source: str) -> Iterator[str]:
             continue
         on = getattr(getattr(node.func, 'value', None), 'id', '')
         name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
-        mode = [each.value for each in (*node.args, *(k.value for k in node.keywords))
-                if isinstance(each, ast.Constant) and isinstance(each.value, str)]  # fmt: skip
+        mode = [item.value for item in (*node.args, *(k.value for k in node.keywords))
+                if isinstance(item, ast.Constant) and isinstance(item.value, str)]  # fmt: skip
         opens = name == 'open' and (
-            isinstance(node.func, ast.Name) or any(set(each) <= set('rwaxbt+') for each in mode)
+            isinstance(node.func, ast.Name) or any(set(item) <= set('rwaxbt+') for item in mode)
         )
         if on in OF_MODULES.get(name, ()):
             yield f'{on}.{name}'
@@ -91,10 +91,10 @@ def raw(source: str) -> Iterator[str]:
 
 
 def test_only_listed_calls_open_files() -> None:
-    found = {
+    result = {
         f'{path.relative_to(PACKAGE)}: {call}'
         for path in PACKAGE.rglob('*.py')
         for call in raw(path.read_text('utf-8'))
     }
     advice = 'use read_file, open_file or write_file of inputs, or add a reason to ALLOWED'
-    assert found == ALLOWED.keys(), advice
+    assert result == ALLOWED.keys(), advice

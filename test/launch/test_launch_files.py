@@ -29,7 +29,7 @@ LEFT = [f'left_joint_{number}' for number in range(1, 7)]
 
 
 def nodes(started: list[Any], executable: str) -> list[Any]:
-    return [each for each in started if getattr(each, 'executable', '') == executable]
+    return [item for item in started if getattr(item, 'executable', '') == executable]
 
 
 def the_client(started: list[Any]) -> Any:
@@ -43,37 +43,37 @@ def options(node: Any) -> dict[str, str]:
 
 @EACH_FILE
 def test_references_of_a_launch_file_exist(path: Path) -> None:
-    for each in described(path):
-        if each.kind == 'DeclareLaunchArgument':
-            assert each.description.endswith('.')
+    for item in described(path):
+        if item.kind == 'DeclareLaunchArgument':
+            assert item.description.endswith('.')
     wanted = {'use_sim_controller': 'true', 'sim_motion': 'ptp', 'use_sim_time': 'true'}
     if 'download' not in path.name:
         wanted['ros2_control'] = 'true'
     given = {name: value for name, value in wanted.items() if name in declared(path)}
     manifests = [ROOT / 'package.xml', *ROOT.glob('variants/*/package.xml')]
     depends = {
-        each.text for file in manifests for each in ElementTree.parse(file).iter('exec_depend')
+        item.text for file in manifests for item in ElementTree.parse(file).iter('exec_depend')
     }
     rows = {row.name: row for row in TABLE}
-    for each in [*launched(path), *launched(path, **given)]:
-        if each.package != 'epson_driver':
-            assert each.package in depends
+    for item in [*launched(path), *launched(path, **given)]:
+        if item.package != 'epson_driver':
+            assert item.package in depends
             continue
-        assert (ROOT / 'scripts' / each.executable).is_symlink()
-        if each.executable == 'client':
-            for name, value in each.values.items():
+        assert (ROOT / 'scripts' / item.executable).is_symlink()
+        if item.executable == 'client':
+            for name, value in item.values.items():
                 assert name == 'use_sim_time' or type(value) is type(rows[name].default), name
 
 
 @EACH_FILE
 def test_simulated_time_reaches_every_node(path: Path) -> None:
     if 'use_sim_time' in declared(path):
-        for each in launched(path, use_sim_time='true'):
-            if each.kind == 'Node' and each.executable not in (
+        for item in launched(path, use_sim_time='true'):
+            if item.kind == 'Node' and item.executable not in (
                 'joint_state_publisher_gui',
                 *('spawner', 'panel'),
             ):
-                assert each.values['use_sim_time'] is True, each.executable
+                assert item.values['use_sim_time'] is True, item.executable
 
 
 @EACH_FILE
@@ -119,7 +119,7 @@ def test_launch_file_starts_its_executables(
     name: str, given: dict[str, str], executables: str
 ) -> None:
     started = launched(name, **given)
-    assert [each.executable for each in started] == executables.split()
+    assert [item.executable for item in started] == executables.split()
 
 
 @pytest.mark.parametrize('name', CLIENT_FILES)
@@ -130,7 +130,7 @@ def test_arguments_are_passed_to_the_client(name: str, tmp_path: Path) -> None:
     params.write_text('/**:\n  ros__parameters:\n    state_timeout: 0.5\n')
     words = {'robot_ip': '192.168.0.1', 'controller': 'rc700a'}
     ports = {'motion_port': 12000, 'state_port': 12002, 'io_port': 0, 'remote_port': 5001}
-    arguments = words | {each: str(port) for each, port in ports.items()}
+    arguments = words | {item: str(port) for item, port in ports.items()}
     place = {'namespace': 'cell', 'tf_prefix': 'left_', 'params_file': str(params)}
     node = the_client(launched(name, **arguments, **place))
     assert (node.namespace, node.files) == ('cell', [str(params)])
@@ -156,7 +156,7 @@ def test_invalid_argument_of_a_launch_file_is_named(arguments: dict[str, str], t
 
 def test_misspelled_argument_suggests_the_nearest() -> None:
     messages = launched('robot_interface', robotip='1', of_my_own_file='3')
-    (warning,) = [each.msg for each in messages if each.kind == 'LogInfo']
+    (warning,) = [message.msg for message in messages if message.kind == 'LogInfo']
     assert 'launch argument robotip' in warning
     assert 'did you mean robot_ip?' in warning
 
@@ -195,7 +195,7 @@ def test_ros2_control_option_starts_a_controller_manager() -> None:
     assert manager.values['joints'] == LEFT == the_client(started).values['joint_names']
     (publisher,) = nodes(started, 'robot_state_publisher')
     assert '>/cell/epson_driver/joint_commands<' in publisher.values['robot_description']
-    assert {each.namespace for each in started if each.kind == 'Node'} == {'cell'}
+    assert {item.namespace for item in started if item.kind == 'Node'} == {'cell'}
     (first,) = nodes(started, 'ros2')  # before the spawner
     assert '/cell/joint_states' in first.arguments
 
@@ -204,7 +204,7 @@ def test_moveit_parameters_have_the_prefix() -> None:
     started = launched(
         'moveit_planning_execution', namespace='cell', tf_prefix='left_', ros2_control='true'
     )
-    assert {each.namespace for each in started if each.kind == 'Node'} == {'cell'}
+    assert {item.namespace for item in started if item.kind == 'Node'} == {'cell'}
     (move_group,) = nodes(started, 'move_group')
     assert move_group.name is None
     values = move_group.values
@@ -224,11 +224,11 @@ def test_each_of_several_robots_has_separate_nodes() -> None:
     lists = {'namespaces': 'left, cell/right', 'robot_ips': '192.168.0.1,192.168.0.2'}
     started = launched('several_robots', **given, **lists)
     clients = nodes(started, 'client')
-    assert [each.namespace for each in clients] == ['left', 'cell/right']
-    assert [each.values['robot_ip'] for each in clients] == lists['robot_ips'].split(',')
-    assert [each.values['robot_model'] for each in clients] == given['robot_model'].split(',')
-    assert {each.values['controller'] for each in clients} == {'rc700a'}
-    joints = [each.values['joint_names'][0] for each in clients]
+    assert [client.namespace for client in clients] == ['left', 'cell/right']
+    assert [client.values['robot_ip'] for client in clients] == lists['robot_ips'].split(',')
+    assert [client.values['robot_model'] for client in clients] == given['robot_model'].split(',')
+    assert {client.values['controller'] for client in clients} == {'rc700a'}
+    joints = [client.values['joint_names'][0] for client in clients]
     assert joints == ['left_joint_1', 'cell_right_joint_1']
     for publisher, joint in zip(nodes(started, 'robot_state_publisher'), joints, strict=True):
         assert f'<joint name="{joint}"' in publisher.values['robot_description']
@@ -254,8 +254,8 @@ def test_fleet_starts_the_robots_of_its_file(tmp_path: Path) -> None:
     file.write_text(FLEET_FILE)
     started = launched('fleet', params_file=str(file), use_sim_controller='true')
     clients = nodes(started, 'client')
-    assert [each.namespace for each in clients] == ['cell/robot_1', 'robot_2']
-    assert {each.on_exit for each in started} == {None}  # the others continue
+    assert [client.namespace for client in clients] == ['cell/robot_1', 'robot_2']
+    assert {item.on_exit for item in started} == {None}  # the others continue
     assert len(clients[-1].values['joint_names']) == 4
     words = options(nodes(started, 'sim_controller')[-1])
     assert (words['--host'], words['--robot']) == ('192.168.0.2', 'gx4_c251s')

@@ -92,13 +92,13 @@ def cell(tmp_path: Path) -> Iterator[Observer]:
     domain = processes.free_ros_domain()
     running = [
         processes.Process(
-            each.executable,
-            arguments_of(each, tmp_path),
+            item.executable,
+            arguments_of(item, tmp_path),
             tmp_path / f'{number}.log',
             processes.ros_environment(domain),
         )
-        for number, each in enumerate(started)
-        if each.package == 'epson_driver'
+        for number, item in enumerate(started)
+        if item.package == 'epson_driver'
     ]
     names = ['sim_controller', 'client']
     assert [process.name for process in running] == names * len(ROBOTS)

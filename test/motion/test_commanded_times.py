@@ -33,10 +33,10 @@ def commanded(
     problem = problem_of(request, path, ARM, factor, Effort())
     assert problem.commanded is not None
     spent = []
-    for begin, end in zip(path.knots.u[:-1], path.knots.u[1:], strict=True):
-        us = begin + (end - begin) * (np.arange(PLACES) + 0.5) / PLACES
+    for start, end in zip(path.knots.u[:-1], path.knots.u[1:], strict=True):
+        us = start + (end - start) * (np.arange(PLACES) + 0.5) / PLACES
         slowness = 1.0 / np.sqrt(np.interp(us, *problem.commanded))
-        spent.append(float((end - begin) * slowness.mean()))
+        spent.append(float((end - start) * slowness.mean()))
     return np.array(spent), np.diff(request.clock)
 
 

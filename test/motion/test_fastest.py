@@ -22,9 +22,9 @@ from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.references import References, digest
 from benchmark.trajectories import benchmark_set
 from epson_driver.motion import Array, JointLimits, smooth
+from epson_driver.motion.closest_samples import closest_sample_indices
 from epson_driver.motion.fastest import BEND_RATIO, MIN_BEND, fastest
 from epson_driver.motion.joint_motion import JointMotion
-from epson_driver.motion.passages import passages
 from epson_driver.motion.smoother import MERGE_TOLERANCE
 from epson_driver.motion.smoother.path import Knots, through
 from epson_driver.motion.transcription import Search
@@ -50,10 +50,10 @@ def merged(positions: Array) -> Array:
 def assert_within(motion: JointMotion, limits: JointLimits, start: Array) -> None:
     """Assert every limit by the polynomials, independently of the package's check."""
     executed: Any = SimpleNamespace(executed=[(0.0, motion)], now=motion.duration, limits=limits)
-    found = exact_extrema(executed, start)
-    assert found.worst <= 1.0 + 1e-6
-    assert found.outside <= 1e-10
-    assert max(found.position_jump, found.velocity_jump, found.acceleration_jump) <= 1e-9
+    result = exact_extrema(executed, start)
+    assert result.worst <= 1.0 + 1e-6
+    assert result.outside <= 1e-10
+    assert max(result.position_jump, result.velocity_jump, result.acceleration_jump) <= 1e-9
 
 
 def test_tiny_jerk_causes_no_overflow() -> None:
@@ -71,7 +71,7 @@ def test_tiny_jerk_causes_no_overflow() -> None:
 def passes(motion: JointMotion, waypoints: Array) -> Array:
     """Return the distance of each waypoint from its closest node in order, shape (k,)."""
     nodes = motion.states[0].T
-    missed: Array = np.abs(nodes[passages(waypoints, nodes)] - waypoints).max(axis=1)
+    missed: Array = np.abs(nodes[closest_sample_indices(waypoints, nodes)] - waypoints).max(axis=1)
     return missed
 
 
@@ -80,9 +80,9 @@ def cases() -> dict[str, tuple[Array, JointLimits, float]]:
     references, known = References(), {}
     for name, trajectory in product(FACTORS, benchmark_set()):
         limits = limit_set(name)
-        found = references[digest(trajectory.positions, limits)]
-        if 'ipopt' in found.opt_by:
-            known[f'{trajectory.name}-{name}'] = trajectory.positions, limits, found.opt
+        result = references[digest(trajectory.positions, limits)]
+        if 'ipopt' in result.opt_by:
+            known[f'{trajectory.name}-{name}'] = trajectory.positions, limits, result.opt
     return known
 
 

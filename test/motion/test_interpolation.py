@@ -29,8 +29,8 @@ def sampled(degree: int, orders: int) -> tuple[list[np.poly1d], list[np.ndarray]
 def test_polynomial_and_derivatives_are_reproduced(degree, orders):
     joints, parts = sampled(degree, orders)
     times = np.linspace(0.0, 1.0, 41)
-    found = Interpolation(TIMES, *parts).at(times)
-    for order, values in enumerate(found):
+    result = Interpolation(TIMES, *parts).at(times)
+    for order, values in enumerate(result):
         expected = np.stack([joint.deriv(order)(times) for joint in joints], axis=1)
         np.testing.assert_allclose(values, expected, atol=1e-9)
 
@@ -49,9 +49,9 @@ def test_scalar_and_array_times_give_equal_values(orders):
 def test_cubic_equals_the_interpolation():
     _, (positions, velocities) = sampled(6, 2)
     fraction, h = np.linspace(0.0, 1.0, 9), TIMES[3] - TIMES[2]
-    begin, end = ((positions[i], velocities[i]) for i in (2, 3))
+    start, end = ((positions[i], velocities[i]) for i in (2, 3))
     expected, _, _ = Interpolation(TIMES, positions, velocities).at(TIMES[2] + fraction * h)
-    np.testing.assert_allclose(cubic(fraction[:, None], h, begin, end), expected, atol=1e-12)
+    np.testing.assert_allclose(cubic(fraction[:, None], h, start, end), expected, atol=1e-12)
 
 
 def test_short_segment_at_a_large_value_loses_no_digits():

@@ -7,8 +7,13 @@ import pytest
 from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN, motion_of
 
 from epson_driver.motion import Trajectory
-from epson_driver.motion import passages as passages_module
-from epson_driver.motion.passages import commanded_rests, measure, passages, passed
+from epson_driver.motion import closest_samples as passages_module
+from epson_driver.motion.closest_samples import (
+    closest_sample_indices,
+    commanded_rests,
+    measure,
+    passed,
+)
 from epson_driver.motion.smoothed import smoothed
 
 TIMES = np.arange(0.0, 4.0005, 0.001)
@@ -60,7 +65,7 @@ def test_passages_are_found_between_samples_in_order():
     assert abs(when[4] - 1.5) < 0.15  # 0.1 rad away during that time
     assert errors[[0, 1, 2, 3, 5]].max() < 1e-4
     assert errors[4] == pytest.approx(0.1)
-    assert passages(waypoints, motion.positions)[0] == 0
+    assert closest_sample_indices(waypoints, motion.positions)[0] == 0
 
 
 def test_sparse_search_of_long_motions_gives_the_same_result(monkeypatch):

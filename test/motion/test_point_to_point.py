@@ -411,9 +411,9 @@ def test_equal_moves_on_a_line_blend_at_full_speed() -> None:
 def test_inv2_reversal_at_full_acceleration_starts_later() -> None:
     there, back = np.zeros(JOINTS), np.array([1.0, 0, 0, 0, 0, 0])
     first, second = moves(there, back, there)
-    begin = blend_start(first, second, LIMITS, first.braking)
-    assert first.braking + 0.05 < begin < first.duration
-    check_blend(first, second, begin, 1.0, 1.0)
+    start = blend_start(first, second, LIMITS, first.braking)
+    assert first.braking + 0.05 < start < first.duration
+    check_blend(first, second, start, 1.0, 1.0)
     # at half the acceleration, both together reach the joint's limit
     first, second = moves(there, back, there, accel=0.5)
     assert blend_start(first, second, LIMITS, first.braking) == first.braking
@@ -425,13 +425,13 @@ def test_inv2_blend_does_not_exceed_a_position_limit() -> None:
     top, below = np.array([HIGH[0], 0, 0, 0, 0, 0]), np.array([HIGH[0] - 0.02, 0, 0, 0, 0, 0])
     far = np.array([HIGH[0], 0, 0, -3.0, 0, 0])
     first, second = moves(far, below)[0], moves(below, top, accel=0.5)[0]
-    begin = blend_start(first, second, LIMITS, first.braking)
-    assert begin > first.braking
-    check_blend(first, second, begin, 1.0, 1.0)
+    start = blend_start(first, second, LIMITS, first.braking)
+    assert start > first.braking
+    check_blend(first, second, start, 1.0, 1.0)
     wide = JointLimits(
         LIMITS.names, LOW, HIGH + 1.0, LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk
     )
-    assert blend_start(first, second, wide, first.braking) < begin
+    assert blend_start(first, second, wide, first.braking) < start
 
 
 @pytest.mark.invariant(2)
@@ -442,10 +442,10 @@ def test_inv2_blend_respects_the_tool_speed() -> None:
     _, second = moves(0 * corner, corner, [0.5, 0.5, 0, 0, 0, 0], speed=0.1)
     (slow,) = moves(0 * corner, corner, speed=0.1, accel=0.1)
     assert blend_start(slow, second, LIMITS, slow.braking) == slow.braking
-    begin = blend_start(slow, second, LIMITS, slow.braking, tool=(reach, fastest * 1.1))
-    assert slow.braking < begin < slow.duration
-    for time in np.linspace(begin, slow.duration, 500):
-        sum_of_both = slow.at(time)[1] + second.at(time - begin)[1]
+    start = blend_start(slow, second, LIMITS, slow.braking, tool=(reach, fastest * 1.1))
+    assert slow.braking < start < slow.duration
+    for time in np.linspace(start, slow.duration, 500):
+        sum_of_both = slow.at(time)[1] + second.at(time - start)[1]
         assert np.abs(sum_of_both) @ reach <= fastest * 1.1 * (1.0 + 1e-9)
 
 

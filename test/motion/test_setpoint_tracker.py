@@ -16,7 +16,7 @@ from benchmark.exact_extrema import exact_extrema
 from epson_driver.motion.joint_motion import JointMotion, fastest_move, fastest_stop
 from epson_driver.motion.setpoint_tracker import (
     RETURN_S,
-    Aim,
+    ServoTarget,
     SetpointTracker,
     servo_limits,
     stopping_way,
@@ -78,7 +78,7 @@ class Run:
 
 def aim(position, velocity=HOME, acceleration=HOME, low=-np.inf, high=np.inf):
     """Return an aim without bounds, except `low` and `high`."""
-    return Aim(position, velocity, acceleration, np.full(N, low), np.full(N, high))
+    return ServoTarget(position, velocity, acceleration, np.full(N, low), np.full(N, high))
 
 
 POSITIONS = st.lists(st.floats(-4.0, 4.0), min_size=N, max_size=N).map(np.array)
@@ -118,7 +118,7 @@ def test_inv2_any_stream_respects_every_limit_and_ends_at_rest(events):
         elif kind == 'walls':
             place, velocity, wall = value
             low, high = here + np.minimum(wall, 0.0), here + np.maximum(wall, 0.0)
-            tracker.follow(dt, Aim(here + place, velocity, HOME, low, high), speed)
+            tracker.follow(dt, ServoTarget(here + place, velocity, HOME, low, high), speed)
         elif kind == 'move':
             tracker.move(dt, value)
         elif kind == 'release':
@@ -146,7 +146,7 @@ def test_inv2_positions_shown_by_the_stream_are_not_exceeded(aims):
     """From rest, no joint exceeds constant bounds, for any aims."""
     run, walls = Run(), np.full(N, 0.03)
     for position, velocity, dt in aims:
-        run.tracker.follow(dt, Aim(position, velocity, HOME, -walls, walls))
+        run.tracker.follow(dt, ServoTarget(position, velocity, HOME, -walls, walls))
         run.step(dt)
     run.rest()
     run.assert_kept(-walls, walls)
@@ -169,7 +169,7 @@ def go_to(run, position, seconds):
     """Follow a constant position between 0 and it."""
     for _ in range(round(seconds / PERIOD)):
         low, high = np.minimum(position, 0.0), np.maximum(position, 0.0)
-        run.tracker.follow(PERIOD, Aim(position, HOME, HOME, low, high))
+        run.tracker.follow(PERIOD, ServoTarget(position, HOME, HOME, low, high))
         run.step()
 
 
@@ -210,12 +210,12 @@ def test_braking_soon_ends_exactly_at_the_followed_setpoint(speed):
 
 
 def test_return_to_the_last_setpoint_respects_the_speed_scaling():
-    run, share, back = Run(), 0.02, []
-    fastest = share * LIMITS.velocity[0]
+    run, fraction, back = Run(), 0.02, []
+    fastest = fraction * LIMITS.velocity[0]
     for count in range(30):
-        run.tracker.follow(PERIOD, aim(pose(PERIOD * fastest * count), pose(fastest)), share)
+        run.tracker.follow(PERIOD, aim(pose(PERIOD * fastest * count), pose(fastest)), fraction)
         run.step()
-    run.tracker.brake(run.last[0] - pose(0.003), share)
+    run.tracker.brake(run.last[0] - pose(0.003), fraction)
     while not run.tracker.at_rest:
         back.append(-float(run.step(0.004)[1][0]))
     assert 0.9 * fastest < max(back) <= SLACK * fastest
@@ -223,14 +223,14 @@ def test_return_to_the_last_setpoint_respects_the_speed_scaling():
 
 def test_move_ends_at_its_target_although_ruckig_misses_it():
     """Ruckig misses some of 1,000 targets by up to 1e-8 rad."""
-    random, found = np.random.default_rng(0), 0
+    random, result = np.random.default_rng(0), 0
     for _ in range(1000):
         velocity, acceleration = random.uniform(-0.5, 0.5, (2, N))
         state = HOME, velocity * LIMITS.velocity, acceleration * LIMITS.acceleration
         target = random.uniform(-0.1, 0.1, N)
         motion = fastest_move(LIMITS, state, target)
-        found += motion is not None and np.abs(motion.end - target).max() < 1e-9
-    assert found == 1000
+        result += motion is not None and np.abs(motion.end - target).max() < 1e-9
+    assert result == 1000
 
 
 @pytest.mark.invariant(2)

@@ -11,7 +11,7 @@ import pytest
 from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN
 
 from epson_driver.motion import JointLimits, Trajectory, smooth
-from epson_driver.motion.passages import measure, passed
+from epson_driver.motion.closest_samples import measure, passed
 from epson_driver.motion.smoothed import every, retimed, smoothed, thinned
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 
@@ -107,10 +107,10 @@ def distance_from_lines(motion, points):
     worst = 0.0
     for place in motion.positions:
         nearest = np.inf
-        for begin, end in pairwise(points):
-            along = end - begin
-            share = np.clip((place - begin) @ along / max(along @ along, 1e-30), 0.0, 1.0)
-            nearest = min(nearest, np.abs(place - begin - share * along).max())
+        for start, end in pairwise(points):
+            along = end - start
+            fraction = np.clip((place - start) @ along / max(along @ along, 1e-30), 0.0, 1.0)
+            nearest = min(nearest, np.abs(place - start - fraction * along).max())
         worst = max(worst, nearest)
     return worst
 

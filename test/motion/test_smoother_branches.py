@@ -75,8 +75,8 @@ def test_plan_branches_off_the_current_one_if_no_new_one_is_found() -> None:
     for request, plan in branched:
         assert request.former is not None
         assert request.older is not None
-        begin = plan.timing.at(0.0)
-        assert begin == pytest.approx(request.state)
+        start = plan.timing.at(0.0)
+        assert start == pytest.approx(request.state)
         assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
         assert len(plan.knots.u) > len(request.older.u), 'longer than the current plan'
 
@@ -90,13 +90,13 @@ def test_plan_stays_within_its_effort(name: str, monkeypatch: pytest.MonkeyPatch
         spent[-1] += more
         spend(effort, more)
 
-    def begun(request: Request, limits: JointLimits) -> Plan | None:
+    def started(request: Request, limits: JointLimits) -> Plan | None:
         spent.append(0.0)
         return planner.plan(request, limits)
 
     monkeypatch.setattr(Effort, 'spend', counted)
     member = list(members(name))[5]
-    smoother = Smoother(member.limits, member.positions[0], Mode.TIME_OPTIMAL, planner=begun)
+    smoother = Smoother(member.limits, member.positions[0], Mode.TIME_OPTIMAL, planner=started)
     for position in member.positions[1:]:
         smoother.append(position)
     smoother.finish()

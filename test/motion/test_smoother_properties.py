@@ -113,14 +113,14 @@ def run(scenario: Scenario) -> Run:
     smoother = Recorded(limits, points[0], scenario.mode, latency=scenario.latency)
     result = Run(smoother, points, points[0])
     events = sorted(scenario.events)
-    patience = 4.0 * LONGEST + 3.0 * float(durations.sum())
+    timeout = 4.0 * LONGEST + 3.0 * float(durations.sum())
     following, step = 1, 0
     while following < len(points) or smoother.moving or events:
         if step * DT > LONGEST:
             following = len(points)  # the stream ends
             result.disturbed = True
             events = []
-        assert step * DT < patience, 'no rest'
+        assert step * DT < timeout, 'no rest'
         if step % (scenario.pause + 1) == 0:
             for _ in range(scenario.burst):
                 if following < len(points):

@@ -141,12 +141,12 @@ def test_inv2_problem_in_any_block_of_a_long_trajectory_is_found(
     }
     assert list(problems(Trajectory(NAMES, **columns), LIMITS)) == []
     columns[quantity][point, 1] = value
-    found = list(problems(Trajectory(NAMES, **columns), LIMITS))
-    assert any(words in text for text in found)
+    result = list(problems(Trajectory(NAMES, **columns), LIMITS))
+    assert any(words in text for text in result)
     named = (
         f'points {point - 1} to {point}, elbow' if 'needed' in words else f'point {point}, elbow'
     )
-    assert any(text.startswith(named) for text in found)
+    assert any(text.startswith(named) for text in result)
 
 
 def test_trajectory_without_points_is_a_problem() -> None:

@@ -17,7 +17,7 @@ STEP = MERGE_TOLERANCE / 5.0
 def test_path_has_no_two_points_at_one_position(mode, seed):
     random = np.random.default_rng(seed)
     waypoints = Waypoints(LIMITS, np.zeros(2), mode)
-    begin, place = waypoints.origin, 0
+    start, place = waypoints.origin, 0
     for _ in range(2000):
         place += int(random.choice([-9, -4, -3, -2, -1, 0, 1, 2, 3, 4, 9]))
         last = STEP * np.array([place, -place])
@@ -25,9 +25,9 @@ def test_path_has_no_two_points_at_one_position(mode, seed):
         waypoints.append(last, duration, 0.0, in_motion=True)
         if random.random() < 0.05:
             waypoints.finish()
-        path = np.array([point.position for point in (begin, *waypoints.ahead)])
+        path = np.array([point.position for point in (start, *waypoints.ahead)])
         assert (np.abs(np.diff(path, axis=0)).max(axis=1) > MIN_MOVE).all()
         assert np.abs(waypoints.last.position - last).max() == 0.0
         if len(waypoints.ahead) > 20:
-            begin = waypoints.ahead[10]
-            waypoints.passed(begin)
+            start = waypoints.ahead[10]
+            waypoints.passed(start)

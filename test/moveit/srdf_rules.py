@@ -18,7 +18,7 @@ def faults(srdf: str, urdf: str) -> Iterator[str]:
     semantic, robot = ElementTree.fromstring(srdf), ElementTree.fromstring(urdf)
     if semantic.get('name') != robot.get('name'):
         yield f'the SRDF is of {semantic.get("name")}, the URDF of {robot.get("name")}'
-    links = {each.get('name') for each in robot.findall('link')}
+    links = {item.get('name') for item in robot.findall('link')}
     for element in semantic.iter():
         for attribute in LINK_ATTRIBUTES.get(element.tag, ()):
             if element.get(attribute) not in links:
@@ -29,13 +29,13 @@ def faults(srdf: str, urdf: str) -> Iterator[str]:
 
 def end(joint: ElementTree.Element, which: str) -> str:
     """Return a joint's parent or child link."""
-    found = joint.find(which)
-    return '' if found is None else found.get('link', '')
+    result = joint.find(which)
+    return '' if result is None else result.get('link', '')
 
 
 def _group_faults(semantic: ElementTree.Element, robot: ElementTree.Element) -> Iterator[str]:
-    moving = {each.get('name') for each in robot.findall('joint') if each.get('type') != 'fixed'}
-    groups = {each.get('name'): each for each in semantic.findall('group')}
+    moving = {item.get('name') for item in robot.findall('joint') if item.get('type') != 'fixed'}
+    groups = {item.get('name'): item for item in semantic.findall('group')}
     for name, group in groups.items():
         joints = _joints_of_chain(group, robot)
         if joints != moving:
@@ -44,7 +44,7 @@ def _group_faults(semantic: ElementTree.Element, robot: ElementTree.Element) -> 
     for state in semantic.findall('group_state'):
         if state.get('group') not in groups:
             yield f'pose {state.get("name")}: no group {state.get("group")}'
-        names = [each.get('name') for each in state.findall('joint')]
+        names = [item.get('name') for item in state.findall('joint')]
         for joint in names:
             if joint not in moving:
                 yield f'pose {state.get("name")}: no joint {joint}'
@@ -54,7 +54,7 @@ def _group_faults(semantic: ElementTree.Element, robot: ElementTree.Element) -> 
 
 def _joints_of_chain(group: ElementTree.Element, robot: ElementTree.Element) -> set[str]:
     """Return the moving joints between the tip and the base of a group's chain."""
-    above = {end(each, 'child'): each for each in robot.findall('joint')}
+    above = {end(item, 'child'): item for item in robot.findall('joint')}
     joints = set()
     for chain in group.findall('chain'):
         link = chain.get('tip_link')
@@ -68,23 +68,23 @@ def _joints_of_chain(group: ElementTree.Element, robot: ElementTree.Element) -> 
 
 def _pair_faults(semantic: ElementTree.Element, robot: ElementTree.Element) -> Iterator[str]:
     links = robot.findall('link')
-    bodies = {each.get('name') for each in links if each.find('collision') is not None}
+    bodies = {link.get('name') for link in links if link.find('collision') is not None}
     joined = {
-        frozenset((end(each, 'parent'), end(each, 'child'))) for each in robot.findall('joint')
+        frozenset((end(item, 'parent'), end(item, 'child'))) for item in robot.findall('joint')
     }
     seen = {}
-    for each in semantic.findall('disable_collisions'):
-        pair = frozenset((each.get('link1'), each.get('link2')))
+    for element in semantic.findall('disable_collisions'):
+        pair = frozenset((element.get('link1'), element.get('link2')))
         words = ' and '.join(sorted(map(str, pair)))
         if pair in seen or len(pair) != 2:
             yield f'{words}: twice, or one link'
-        seen[pair] = each.get('reason')
-        if each.get('reason') not in REASONS:
-            yield f'{words}: unknown reason {each.get("reason")}'
+        seen[pair] = element.get('reason')
+        if element.get('reason') not in REASONS:
+            yield f'{words}: unknown reason {element.get("reason")}'
         if not pair <= bodies:
             yield f'{words}: nothing to collide with'
-        if (each.get('reason') == 'Adjacent') != (pair in joined):
-            yield f'{words}: {each.get("reason")}, unlike the URDF'
+        if (element.get('reason') == 'Adjacent') != (pair in joined):
+            yield f'{words}: {element.get("reason")}, unlike the URDF'
     for pair in joined:
         if pair <= bodies and pair not in seen:
             yield f'{" and ".join(sorted(map(str, pair)))} are adjacent and checked'

@@ -65,8 +65,8 @@ def action_names(domain: int, patience: float = 300.0) -> set[str]:
         end = time.monotonic() + patience
         names: set[str] = set()
         while not names and time.monotonic() < end:
-            found = get_action_names_and_types(node)
-            names = {name for name, types in found if wanted in types}
+            result = get_action_names_and_types(node)
+            names = {name for name, types in result if wanted in types}
             time.sleep(0.05)
         return names
     finally:
@@ -121,7 +121,9 @@ def test_pipeline_files_have_the_jazzy_format() -> None:
         pipeline = load(name)
         for kind in ('request', 'response'):
             adapters = pipeline[f'{kind}_adapters']
-            assert all(each.startswith(f'default_planning_{kind}_adapters/') for each in adapters)
+            assert all(
+                adapter.startswith(f'default_planning_{kind}_adapters/') for adapter in adapters
+            )
         assert isinstance(pipeline['planning_plugins'], list)  # planning_plugin in Humble
     timed = 'default_planning_response_adapters/AddTimeOptimalParameterization'
     assert load('ompl_planning.yaml')['response_adapters'][0] == timed

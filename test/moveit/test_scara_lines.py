@@ -75,17 +75,17 @@ def ready(arm: Kinematics) -> tuple[Array, Array]:
 @pytest.mark.parametrize('name', one_in(12, SCARAS))
 def test_line_is_followed_with_constant_tool_rotation(name: str) -> None:
     arm = Kinematics(load_robot_model(name))
-    begin, joints = ready(arm)
+    start, joints = ready(arm)
     reach = float(arm.model.reach[0])
-    for share in np.linspace(0.0, 1.0, 21):
-        pose = begin.copy()
-        pose[:3, 3] += share * 0.2 * reach * np.array([-0.6, 0.6, 0.1])
-        pose[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), share * 0.5) @ begin[:3, :3]
-        found = solved(arm, pose, joints, configured_rows())
-        assert found is not None
-        assert np.linalg.norm(twist(arm.forward(found), pose)) < 2 * EPSILON
-        assert np.abs(found - joints).max() < 0.3
-        joints = found
+    for fraction in np.linspace(0.0, 1.0, 21):
+        pose = start.copy()
+        pose[:3, 3] += fraction * 0.2 * reach * np.array([-0.6, 0.6, 0.1])
+        pose[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), fraction * 0.5) @ start[:3, :3]
+        result = solved(arm, pose, joints, configured_rows())
+        assert result is not None
+        assert np.linalg.norm(twist(arm.forward(result), pose)) < 2 * EPSILON
+        assert np.abs(result - joints).max() < 0.3
+        joints = result
     assert np.all(joints >= arm.model.limits.position_min)
     assert np.all(joints <= arm.model.limits.position_max)
 
@@ -95,10 +95,10 @@ def test_position_only_ik_would_not_move_joint_4() -> None:
     arm = Kinematics(load_robot_model('gx8_c652s'))
     pose, seed = ready(arm)
     pose[:3, 3] += (-0.1, 0.1, 0.0)
-    found = solved(arm, pose, seed, 3)
-    assert found is not None
-    assert found[3] == seed[3]
-    assert np.abs(twist(arm.forward(found), pose)[3:]).max() > 0.05
+    result = solved(arm, pose, seed, 3)
+    assert result is not None
+    assert result[3] == seed[3]
+    assert np.abs(twist(arm.forward(result), pose)[3:]).max() > 0.05
 
 
 def test_tilted_pose_has_no_solution() -> None:

@@ -20,8 +20,8 @@ each = pytest.mark.parametrize('name', one_in(5, robot_models()))
 def test_start_pose_is_far_from_singularities(name: str) -> None:
     model = load_robot_model(name)
     root = ElementTree.fromstring(srdf(name))
-    (ready,) = (each for each in root.findall('group_state') if each.get('name') == 'ready')
-    joints = np.array([[float(each.get('value', 'nan')) for each in ready.findall('joint')]])
+    (ready,) = (item for item in root.findall('group_state') if item.get('name') == 'ready')
+    joints = np.array([[float(item.get('value', 'nan')) for item in ready.findall('joint')]])
     lower, stop = singularity_thresholds(model)
     assert conditions(model, joints)[0] < 0.7 * lower
     assert 1.0 < lower < stop < np.inf

@@ -44,9 +44,9 @@ def test_srdf_and_urdf_have_the_same_names(model: str) -> None:
 def test_named_poses_are_within_limits_and_collision_free(model: str) -> None:
     robot = load_robot_model(model)
     bodies = CollisionBodies(robot)
-    found = poses(model)
-    assert {'zero', 'ready'} <= set(found)
-    for name, values in found.items():
+    result = poses(model)
+    assert {'zero', 'ready'} <= set(result)
+    for name, values in result.items():
         angles = np.array([values[joint] for joint in robot.joint_names])
         assert np.all(angles >= robot.limits.position_min), name
         assert np.all(angles <= robot.limits.position_max), name
@@ -68,8 +68,8 @@ def test_disabled_pairs_never_collide(model: str) -> None:
 
 def test_c3_disables_the_pairs_of_ros_1() -> None:
     root = ElementTree.fromstring(srdf('c3_a601s'))
-    found = {(pair.get('link1'), pair.get('link2')) for pair in root.iter('disable_collisions')}
-    assert {(f'link_{first}', f'link_{second}') for first, second in ROS_1_PAIRS} <= found
+    result = {(pair.get('link1'), pair.get('link2')) for pair in root.iter('disable_collisions')}
+    assert {(f'link_{first}', f'link_{second}') for first, second in ROS_1_PAIRS} <= result
 
 
 def test_sampling_detects_a_colliding_pair() -> None:
@@ -97,12 +97,15 @@ def test_pinocchio_reads_the_srdf() -> None:
     text, semantic = urdf('c3_a601s'), srdf('c3_a601s')
     robot = pinocchio.buildModelFromXML(text)
     pinocchio.loadReferenceConfigurationsFromXML(robot, semantic, False)
-    found = poses('c3_a601s')
-    assert len(robot.referenceConfigurations) == len(found)
-    for name, values in found.items():
+    result = poses('c3_a601s')
+    assert len(robot.referenceConfigurations) == len(result)
+    for name, values in result.items():
         assert robot.referenceConfigurations[name].tolist() == list(values.values())
     geometry = pinocchio.buildGeomFromUrdfString(robot, text, pinocchio.GeometryType.COLLISION)
-    owners = [robot.frames[each.parentFrame].name for each in geometry.geometryObjects]
+    owners = [
+        robot.frames[geometryobject.parentFrame].name
+        for geometryobject in geometry.geometryObjects
+    ]
     geometry.addAllCollisionPairs()
     pinocchio.removeCollisionPairsFromXML(robot, geometry, semantic, False)
     left = {(owners[pair.first], owners[pair.second]) for pair in geometry.collisionPairs}

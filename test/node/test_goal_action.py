@@ -75,25 +75,29 @@ PERIOD = 0.02
 
 def test_stream_of_single_points_is_reported_once():
     streams = PointStreams()
-    texts = [streams.noticed(1, 0.0, PERIOD * count) for count in range(100)]
+    texts = [streams.record_and_check(1, 0.0, PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(texts) if text] == [2]
     assert texts[2] == WARNING
-    again = [streams.noticed(1, 5.0, 60.0 + PERIOD * count) for count in range(100)]
+    again = [streams.record_and_check(1, 5.0, 60.0 + PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(again) if text] == [2]
 
 
 def test_stream_of_windows_is_reported_once():
     """MoveIt Servo sends these if it is configured for ~/joint_trajectory."""
     streams = PointStreams()
-    texts = [streams.noticed(20, 0.2, 0.01 * count) for count in range(100)]
+    texts = [streams.record_and_check(20, 0.2, 0.01 * count) for count in range(100)]
     assert [count for count, text in enumerate(texts) if text] == [2]
 
 
 def test_occasional_points_are_no_stream():
     streams = PointStreams()
-    assert not any(streams.noticed(1, 0.0, 1.5 * MAX_GAP_S * count) for count in range(50))
-    assert not any(streams.noticed(10, 2.0, PERIOD * count) for count in range(50))
-    assert not any(streams.noticed(1 + count % 2, 2.0, PERIOD * count) for count in range(50))
+    assert not any(
+        streams.record_and_check(1, 0.0, 1.5 * MAX_GAP_S * count) for count in range(50)
+    )
+    assert not any(streams.record_and_check(10, 2.0, PERIOD * count) for count in range(50))
+    assert not any(
+        streams.record_and_check(1 + count % 2, 2.0, PERIOD * count) for count in range(50)
+    )
 
 
 async def test_stream_of_single_points_ends_every_goal_and_the_arm_stops():

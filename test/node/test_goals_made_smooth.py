@@ -282,10 +282,10 @@ async def test_arm_with_unknown_state_is_stopped(monkeypatch):
 async def test_inv4_inv5_goal_waits_for_its_stamp_and_can_be_canceled(monkeypatch):
     """docs/invariants.md, 4 and 5."""
     front = Front(monkeypatch)
-    begin = now()
+    start = now()
     sent = await front.goal((0.0, START), (1.2, FAR), ahead=0.9)
     await until(lambda: front.behind.taken)
-    assert now() - begin >= 0.9
+    assert now() - start >= 0.9
     assert await sent.ended == SUCCEEDED
     waiting = await front.goal((1.2, START), ahead=0.9)
     await asyncio.sleep(0.5)

@@ -38,12 +38,12 @@ def window(ends=0.1, points=20, names=NAMES, velocities=True, begin=NOW - 0.1):
     message = JointTrajectory(joint_names=list(names))
     message.header.stamp = time_of(Time, begin) if begin else Time()
     length = NOW + ends - begin if begin else ends
-    for share in np.linspace(0.0, 1.0, points) if points > 1 else [1.0]:
+    for fraction in np.linspace(0.0, 1.0, points) if points > 1 else [1.0]:
         message.points.append(
             JointTrajectoryPoint(
-                positions=[float(share) * value for value in VALUES],
+                positions=[float(fraction) * value for value in VALUES],
                 velocities=VALUES if velocities else [],
-                time_from_start=time_of(Duration, share * length),
+                time_from_start=time_of(Duration, fraction * length),
             )
         )
     return message

@@ -29,18 +29,18 @@ SIZES = [(1024, 768), (1600, 1000), (390, 844)]
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    found = Cell(tmp_path_factory.mktemp('cell'))
+    result = Cell(tmp_path_factory.mktemp('cell'))
     try:
-        yield found.ready()
+        yield result.ready()
     finally:
-        found.close()
+        result.close()
 
 
 @pytest.fixture(scope='module')
 def panel(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
-    found = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
-    yield found
-    assert found.end() == 0
+    result = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
+    yield result
+    assert result.end() == 0
 
 
 @pytest.fixture(scope='module')
@@ -48,9 +48,9 @@ def default_timeouts(
     cell: Cell, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[PanelProcess]:
     """A panel with the time-outs that users get."""
-    found = PanelProcess(tmp_path_factory.mktemp('default_timeouts'), cell.domain, patience=False)
-    yield found
-    assert found.end() == 0
+    result = PanelProcess(tmp_path_factory.mktemp('default_timeouts'), cell.domain, patience=False)
+    yield result
+    assert result.end() == 0
 
 
 @pytest.fixture(scope='module')
@@ -129,19 +129,19 @@ def test_3d_view_follows_the_arm_until_stop(page: Page, cell: Cell) -> None:
 @contextlib.contextmanager
 def stopped(what: bytes) -> Iterator[None]:
     """Suspend the child browser processes whose command line contains `what`."""
-    parents, found = {}, set()
-    for each in Path('/proc').iterdir():
+    parents, result = {}, set()
+    for item in Path('/proc').iterdir():
         with contextlib.suppress(OSError):
-            if each.name.isdigit():
-                words = (each / 'stat').read_text(encoding='utf-8').rpartition(') ')[2].split()
-                parents[int(each.name)] = int(words[1])
-                if what in (each / 'cmdline').read_bytes():
-                    found.add(int(each.name))
+            if item.name.isdigit():
+                words = (item / 'stat').read_text(encoding='utf-8').rpartition(') ')[2].split()
+                parents[int(item.name)] = int(words[1])
+                if what in (item / 'cmdline').read_bytes():
+                    result.add(int(item.name))
 
     def own(process: int) -> bool:
         return process == os.getpid() or (process in parents and own(parents[process]))
 
-    browsers = [process for process in found if own(process)]
+    browsers = [process for process in result if own(process)]
     assert browsers
     for process in browsers:
         os.kill(process, signal.SIGSTOP)
@@ -249,12 +249,12 @@ def test_estop_is_shown_with_reason_and_remedy(page: Page) -> None:
 @pytest.mark.invariant(6)
 def test_page_turns_grey_when_the_panel_is_silent(page: Page, panel: PanelProcess) -> None:
     def shown() -> tuple[set[str], bool]:
-        found = page.page.evaluate(
+        result = page.page.evaluate(
             """() => [[...document.querySelectorAll('.live, #acts')].map(
                           (each) => getComputedStyle(each).filter),
                       document.querySelector('#silence').checkVisibility()]"""
         )
-        return set(found[0]), found[1]
+        return set(result[0]), result[1]
 
     page.wait(lambda: shown() == ({'none'}, False), 'fresh')
     panel.process.send(signal.SIGSTOP)
@@ -326,7 +326,7 @@ def test_point_is_taught_saved_and_approached(page: Page, cell: Cell) -> None:
     assert list(saved) == ['home']
     shown = page.page.locator('#tool dd').all_inner_texts()
     np.testing.assert_allclose(
-        list(saved['home'].values()), [float(each) for each in shown], atol=0.06
+        list(saved['home'].values()), [float(item) for item in shown], atol=0.06
     )
     assert ''.join(saved['home']) == 'xyzuvw'
     page.button('Z plus').click()

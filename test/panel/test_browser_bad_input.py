@@ -86,7 +86,7 @@ class HostileDriver:
         arm = DiagnosticStatus(
             name='epson_driver: arm',
             message=text,
-            values=[KeyValue(key=key, value=each) for key, each in fields.items()],
+            values=[KeyValue(key=key, value=item) for key, item in fields.items()],
         )
         for message in (
             RobotStatus(error_codes=[2**31 - 1] * 50),
@@ -110,19 +110,19 @@ def hostile_driver(
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
-    found = HostileDriver(context)
+    result = HostileDriver(context)
     executor = SingleThreadedExecutor(context=context)
-    executor.add_node(found.node)
+    executor.add_node(result.node)
     thread = threading.Thread(target=executor.spin)
     thread.start()
     panel = PanelProcess(tmp_path, domain, patience=False)
     try:
-        yield found, panel
+        yield result, panel
     finally:
         code = panel.end()
         executor.shutdown()
         thread.join()
-        found.node.destroy_node()
+        result.node.destroy_node()
         context.try_shutdown()
     assert code == 0
 
@@ -150,8 +150,8 @@ def test_driver_text_is_not_executed_and_does_not_break_layout(
             assert wide == []
             assert page.page.locator('#stop').bounding_box() == stop
         assert page.page.evaluate('() => window.run') is None
-        found = page.page.evaluate('() => document.querySelectorAll("img, script").length')
-        assert found == made
+        result = page.page.evaluate('() => document.querySelectorAll("img, script").length')
+        assert result == made
         # The panel shows joints that jumped again after consistent values for some time.
         shown, deadline = (
             page.page.locator('#joints').get_by_text('5.7 °').first,
@@ -161,4 +161,4 @@ def test_driver_text_is_not_executed_and_does_not_break_layout(
             assert time.monotonic() < deadline
             driver.publish(NAMES['usual'], 0.1, 'usual')
             time.sleep(0.1)
-        assert [each for each in page.errors if 'WebGL' not in each] == []
+        assert [error for error in page.errors if 'WebGL' not in error] == []

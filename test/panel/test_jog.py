@@ -51,16 +51,16 @@ def test_scara_has_no_tilt_axes() -> None:
 def test_tool_moves_along_or_turns_about_the_axis(
     jog: Jog, joints: np.ndarray, axis: str, frame: str
 ) -> None:
-    share, time = 0.05, 1e-4
-    moving = jog.velocities(joints, axis, frame, share)
+    fraction, time = 0.05, 1e-4
+    moving = jog.velocities(joints, axis, frame, fraction)
     before, after = (jog.kinematics.forward(q) for q in (joints, joints + time * moving))
     turns, direction = DIRECTIONS[axis]
     along = frame_of(jog, joints, frame) @ direction
     turn = (after[:3, :3] @ before[:3, :3].T - np.eye(3)) / time
     turned = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
     moved = (after[:3, 3] - before[:3, 3]) / time
-    assert_allclose(moved, np.zeros(3) if turns else share * TOOL_M_S * along, atol=1e-4)
-    assert_allclose(turned, share * TOOL_RAD_S * along if turns else np.zeros(3), atol=1e-4)
+    assert_allclose(moved, np.zeros(3) if turns else fraction * TOOL_M_S * along, atol=1e-4)
+    assert_allclose(turned, fraction * TOOL_RAD_S * along if turns else np.zeros(3), atol=1e-4)
 
 
 @pytest.mark.parametrize(('jog', 'joints'), ARMS)
@@ -73,7 +73,7 @@ def test_joint_speed_limit_preserves_the_direction(jog: Jog, joints: np.ndarray)
         joints = random.uniform(0.9 * low, 0.9 * high)
         axis = random.choice(jog.axes)
         try:
-            fast, slow = (jog.velocities(joints, axis, 'world', each) for each in (1.0, 1e-3))
+            fast, slow = (jog.velocities(joints, axis, 'world', item) for item in (1.0, 1e-3))
         except RequestError:
             continue  # singular there, or at the end of a range
         assert np.all(np.abs(fast) <= allowed)

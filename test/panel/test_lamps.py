@@ -36,7 +36,7 @@ NO_LINK = Inhibit(Cause.NO_STATE_LINK, Remedy.CONNECT, 'no link to the controlle
 
 
 def state(status: Status = FINE, **changes: object) -> RobotState:
-    found = RobotState(
+    result = RobotState(
         joint_names=('a', 'b'),
         positions=np.zeros(2),
         status=status,
@@ -46,8 +46,8 @@ def state(status: Status = FINE, **changes: object) -> RobotState:
         times=dict.fromkeys(MAX_AGES_S, NOW),
     )
     for name, value in changes.items():
-        setattr(found, name, value)
-    return found
+        setattr(result, name, value)
+    return result
 
 
 def colours(found: RobotState, now: float = NOW) -> dict[str, str]:
@@ -85,19 +85,19 @@ def test_outdated_state_turns_grey() -> None:
     ],
 )
 def test_lamp_is_grey_when_its_source_is_silent(name: str, grey: set[str]) -> None:
-    found = state()
-    found.times[name] = NOW - MAX_AGES_S[name] - 0.01
-    assert {lamp for lamp, colour in colours(found).items() if colour == UNKNOWN} == grey
-    found.times[name] = NOW - MAX_AGES_S[name] + 0.01
-    assert UNKNOWN not in colours(found).values()
+    result = state()
+    result.times[name] = NOW - MAX_AGES_S[name] - 0.01
+    assert {lamp for lamp, colour in colours(result).items() if colour == UNKNOWN} == grey
+    result.times[name] = NOW - MAX_AGES_S[name] + 0.01
+    assert UNKNOWN not in colours(result).values()
 
 
 @pytest.mark.invariant(6)
 def test_link_lamp_is_bad_without_joint_states() -> None:
-    found = state()
-    found.times['joints'] = NOW - MAX_AGES_S['joints'] - 0.01
-    assert colours(found)['Link'] == BAD
-    assert advice(found, NOW).colour == BAD
+    result = state()
+    result.times['joints'] = NOW - MAX_AGES_S['joints'] - 0.01
+    assert colours(result)['Link'] == BAD
+    assert advice(result, NOW).colour == BAD
 
 
 @pytest.mark.parametrize(
@@ -150,9 +150,9 @@ def test_link_lamp_is_bad_without_joint_states() -> None:
 def test_condition_has_lamp_reason_and_remedy(
     changes: dict[str, object], lamp: str, colour: str, reason: str, remedy: str
 ) -> None:
-    found = state(**changes)  # type: ignore[arg-type]
-    assert colours(found)[lamp] == colour
-    shown_advice = advice(found, NOW)
+    result = state(**changes)  # type: ignore[arg-type]
+    assert colours(result)[lamp] == colour
+    shown_advice = advice(result, NOW)
     assert reason in shown_advice.reason
     assert remedy in shown_advice.remedy
 
@@ -185,12 +185,12 @@ def test_remedies_name_the_buttons_of_the_page() -> None:
 def test_stopped_simulated_program_explains_the_lost_link(
     condition: dict[str, str], reason: str, remedy: str
 ) -> None:
-    found = state(link='backing_off', inhibit=NO_LINK, simulation=Simulation(condition))
-    shown_advice = advice(found, NOW)
+    result = state(link='backing_off', inhibit=NO_LINK, simulation=Simulation(condition))
+    shown_advice = advice(result, NOW)
     assert reason in shown_advice.reason
     assert remedy in shown_advice.remedy
-    found.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
-    assert 'no link' in advice(found, NOW).reason
+    result.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
+    assert 'no link' in advice(result, NOW).reason
 
 
 def test_unknown_estop_is_not_shown_as_released() -> None:
@@ -200,15 +200,15 @@ def test_unknown_estop_is_not_shown_as_released() -> None:
 
 
 def test_line_logged_by_driver_and_panel_is_shown_once() -> None:
-    found = RobotState()
-    found.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))
-    found.add_event(Event(10.5, 20, 'enable: the arm is enabled'))
-    found.add_event(Event(14.0, 20, '~/enable: the arm is enabled'))
-    assert [event.at for event in found.events] == [10.0, 14.0]
+    result = RobotState()
+    result.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))
+    result.add_event(Event(10.5, 20, 'enable: the arm is enabled'))
+    result.add_event(Event(14.0, 20, '~/enable: the arm is enabled'))
+    assert [event.at for event in result.events] == [10.0, 14.0]
 
 
 def test_paused_simulated_controller_has_a_remedy() -> None:
-    found = state(simulation=Simulation({'door': 'closed', 'tasks': 'paused'}))
-    shown_advice = advice(found, NOW)
+    result = state(simulation=Simulation({'door': 'closed', 'tasks': 'paused'}))
+    shown_advice = advice(result, NOW)
     assert (shown_advice.colour, shown_advice.reason) == (WARN, 'the controller is paused')
     assert 'Continue' in shown_advice.remedy

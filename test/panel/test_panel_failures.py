@@ -49,10 +49,10 @@ class Running:
 def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[Running]:
     for name, value in processes.ros_environment(processes.free_ros_domain()).items():
         monkeypatch.setenv(name, value)
-    found = Running()
-    yield found
-    found.panel.stop()
-    found.end()
+    result = Running()
+    yield result
+    result.panel.stop()
+    result.end()
 
 
 def fails(*_: object, **__: object) -> None:

@@ -27,18 +27,18 @@ SENT = 'goal sent: swing'
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    found = Cell(tmp_path_factory.mktemp('cell'))
+    result = Cell(tmp_path_factory.mktemp('cell'))
     try:
-        yield found.ready()
+        yield result.ready()
     finally:
-        found.close()
+        result.close()
 
 
 @pytest.fixture(scope='module')
 def shared(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
-    found = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
-    yield found
-    assert found.end() == 0
+    result = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
+    yield result
+    assert result.end() == 0
 
 
 @pytest.fixture
@@ -173,7 +173,7 @@ def test_frozen_page_cancels_its_goal(cell: Cell, panel: PanelProcess) -> None:
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize(
-    'number', [signal.SIGHUP, *(pytest.param(each, marks=pytest.mark.slow) for each in ENDING[:3])]
+    'number', [signal.SIGHUP, *(pytest.param(item, marks=pytest.mark.slow) for item in ENDING[:3])]
 )
 def test_panel_cancels_its_goal_at_exit(
     cell: Cell, tmp_path: Path, number: signal.Signals
@@ -297,19 +297,19 @@ def run(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.quick
 def test_port_in_use_is_reported(panel: PanelProcess) -> None:
-    found = run(f'--port={panel.port}')
-    assert found.returncode == 1
-    assert f'epson_driver panel: port {panel.port} of 127.0.0.1 cannot be opened' in found.stderr
-    assert '--port' in found.stderr
-    assert 'Traceback' not in found.stderr
+    result = run(f'--port={panel.port}')
+    assert result.returncode == 1
+    assert f'epson_driver panel: port {panel.port} of 127.0.0.1 cannot be opened' in result.stderr
+    assert '--port' in result.stderr
+    assert 'Traceback' not in result.stderr
 
 
 @pytest.mark.quick
 def test_missing_extra_is_reported_with_install_command() -> None:
-    found = run(before='sys.modules["websockets"] = None')
-    assert found.returncode == 1
-    assert "pip install 'epson_driver[panel]'" in found.stderr
-    assert 'make demo ARGS=--panel' in found.stderr
+    result = run(before='sys.modules["websockets"] = None')
+    assert result.returncode == 1
+    assert "pip install 'epson_driver[panel]'" in result.stderr
+    assert 'make demo ARGS=--panel' in result.stderr
 
 
 @pytest.mark.quick
@@ -324,10 +324,10 @@ def test_missing_extra_is_reported_with_install_command() -> None:
     ],
 )
 def test_invalid_argument_is_named(arguments: list[str], message: str) -> None:
-    found = run('--port=0', *arguments)
-    assert found.returncode in (1, 2)
-    assert message in found.stderr
-    assert 'Traceback' not in found.stderr
+    result = run('--port=0', *arguments)
+    assert result.returncode in (1, 2)
+    assert message in result.stderr
+    assert 'Traceback' not in result.stderr
 
 
 @pytest.mark.slow
@@ -418,7 +418,9 @@ def test_restarted_driver_is_queried_again_before_arming(tmp_path: Path) -> None
                 client.wait(lambda: not client.armed, 'disarmed')
                 cell._parameters |= {'remote_port': 0}  # like a real controller
                 cell.restart_client()
-                while not any('--allow-motion' in each for each in client.notifications):
+                while not any(
+                    '--allow-motion' in notification for notification in client.notifications
+                ):
                     client.notifications.clear()
                     client.click('Arm')
                     client.wait(lambda: client.notifications or client.armed, 'an answer')
@@ -446,8 +448,8 @@ def test_one_panel_shows_and_stops_several_robots(tmp_path: Path) -> None:
             ):
                 for client in (left, right):
                     client.wait_for_lamp('E-stop', 'good')
-                    found = {each['label'] for each in client.parts['robots']}
-                    assert found == {'left', 'right'}
+                    result = {part['label'] for part in client.parts['robots']}
+                    assert result == {'left', 'right'}
                 for name, peer in fleet.peers.items():
                     peer.goal(trajectory((LASTS, [1.0, *fleet.start[name][1:]])))
                 for peer in fleet.peers.values():
@@ -460,7 +462,7 @@ def test_one_panel_shows_and_stops_several_robots(tmp_path: Path) -> None:
                 right.wait_for_lamp('E-stop', 'bad')
                 other = {'label': 'right', 'colour': 'bad'}
                 left.wait(
-                    lambda: any(other.items() <= each.items() for each in left.parts['robots']),
+                    lambda: any(other.items() <= part.items() for part in left.parts['robots']),
                     "the other robot's state",
                 )
                 assert left.lamp('E-stop') == 'good'

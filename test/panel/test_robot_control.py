@@ -86,21 +86,21 @@ def fail(what: str, error: BaseException) -> None:
 
 @pytest.fixture
 def pendants() -> Iterator[PendantThread]:
-    found = PendantThread(time.monotonic, fail)
-    yield found
-    found.end()
+    result = PendantThread(time.monotonic, fail)
+    yield result
+    result.end()
 
 
 def controlled(robot: Robot, pendants: PendantThread, *, allow_motion: bool) -> RobotControl:
-    found = RobotControl(
+    result = RobotControl(
         robot,  # type: ignore[arg-type]
         pendants.pendant,
         lambda: NOW,
         allow_motion=allow_motion,
     )
-    found.arming.connect(1)
-    found.arming.alive(1)
-    return found
+    result.arming.connect(1)
+    result.arming.alive(1)
+    return result
 
 
 @pytest.fixture

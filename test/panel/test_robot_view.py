@@ -108,9 +108,9 @@ class ViewAndRequests:
 
 @pytest.fixture
 def shown() -> Iterator[ViewAndRequests]:
-    found = ViewAndRequests()
-    yield found
-    found.pendants.end()
+    result = ViewAndRequests()
+    yield result
+    result.pendants.end()
 
 
 def test_path_of_a_foreign_goal_is_drawn_during_motion(shown: ViewAndRequests) -> None:
@@ -189,8 +189,8 @@ def test_io_shows_values_or_the_reason_for_none(shown: ViewAndRequests) -> None:
     assert shown.part('io') == 'nothing reported yet'
     shown.robot.state.io_reason = ''
     shown.robot.state.io = (IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,)), IoRange(5, 0, (7,)))
-    found = shown.part('io')
-    assert [(each['name'], each['start'], each['values'], each['analog']) for each in found] == [
+    result = shown.part('io')
+    assert [(item['name'], item['start'], item['values'], item['analog']) for item in result] == [
         ('Inputs', 8, [0, 1], False),
         ('Analog inputs [mV]', 0, [1200], True),
     ]
@@ -203,10 +203,10 @@ def test_trajectories_for_other_robots_are_not_offered(shown: ViewAndRequests) -
 
 
 def test_window_shows_which_window_is_armed(shown: ViewAndRequests) -> None:
-    found = [json.loads(shown.view.controls(BROWSER))['armed']]
+    result = [json.loads(shown.view.controls(BROWSER))['armed']]
     shown.arm()
-    found += [json.loads(shown.view.controls(each))['armed'] for each in (BROWSER, 8)]
-    assert found == ['no', 'yes', 'other']
+    result += [json.loads(shown.view.controls(item))['armed'] for item in (BROWSER, 8)]
+    assert result == ['no', 'yes', 'other']
 
 
 @pytest.mark.invariant(1)
@@ -338,9 +338,9 @@ def test_velocities_are_robust_to_jittering_time_stamps() -> None:
     for now in np.arange(0.0, 3.0, 0.04):
         measured = now + random.uniform(-0.002, 0.002)
         history.add(now, measured, np.array([0.5 * now]), None)
-    found = [row[2][0] for row in history.rows if row[2] is not None]
-    assert len(found) > 2.0 / PERIOD_S / 1.5
-    assert_allclose(found, 0.5, rtol=2 * 0.004 / OVER_S)
+    result = [row[2][0] for row in history.rows if row[2] is not None]
+    assert len(result) > 2.0 / PERIOD_S / 1.5
+    assert_allclose(result, 0.5, rtol=2 * 0.004 / OVER_S)
 
 
 def test_curves_have_gaps_and_a_limited_span() -> None:

@@ -117,13 +117,13 @@ def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[DriverAndPanel]:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=free_ros_domain())
-    found = DriverAndPanel(context)
+    result = DriverAndPanel(context)
     try:
-        found.start()
-        yield found
-        assert not found.errors
+        result.start()
+        yield result
+        assert not result.errors
     finally:
-        found.close()
+        result.close()
         context.try_shutdown()
 
 

@@ -82,12 +82,12 @@ def simulated(special: dict[str, Any] | None = None) -> Take:
     }
 
     def take(command: str) -> str | None:
-        found = (usual | (special or {}))[command]
-        if callable(found):
-            found = found()
-        if isinstance(found, type):
-            raise found
-        return None if found is None else str(found)
+        result = (usual | (special or {}))[command]
+        if callable(result):
+            result = result()
+        if isinstance(result, type):
+            raise result
+        return None if result is None else str(result)
 
     return take
 

@@ -57,10 +57,10 @@ class JogRig:
 
     def wait(self, what: Callable[[], Any], meaning: str) -> Any:
         until = time.monotonic() + PATIENCE
-        while not (found := what()):
+        while not (result := what()):
             assert time.monotonic() < until, f'{meaning}: {self.control.forbidden()}'
             self.turn()
-        return found
+        return result
 
     def close(self) -> None:
         self.ros.close()
@@ -81,9 +81,9 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[JogRig]:
     cell = Cell(tmp_path).ready()
     for name, value in processes.ros_environment(cell.domain).items():
         monkeypatch.setenv(name, value)
-    found = JogRig(cell)
-    yield found
-    found.close()
+    result = JogRig(cell)
+    yield result
+    result.close()
 
 
 @pytest.mark.invariant(10)

@@ -78,9 +78,9 @@ def serving(
 
 @pytest.fixture
 def server(listener: Listener) -> Iterator[WebServer]:
-    found = serving(listener)
-    yield found
-    found.stop()
+    result = serving(listener)
+    yield result
+    result.stop()
 
 
 def opened(port: int, origin: str | None = '', **options: Any) -> Any:
@@ -94,9 +94,9 @@ def get(port: int, path: str = '/', **headers: str) -> tuple[int, str, Any]:
     connection = http.client.HTTPConnection(HERE, port, timeout=60)
     connection.request('GET', path, headers=headers)
     answer = connection.getresponse()
-    found = answer.status, answer.read().decode(errors='replace'), answer.headers
+    result = answer.status, answer.read().decode(errors='replace'), answer.headers
     connection.close()
-    return found
+    return result
 
 
 def listens_on(port: int) -> set[str]:
@@ -132,7 +132,7 @@ def test_page_loads_local_files_only(server: WebServer) -> None:
         assert status == 200
         assert headers['X-Content-Type-Options'] == 'nosniff'
         named_inside = re.findall(r"from '\./([^']+)'", body) if name.endswith('panel.js') else []
-        assert all(get(server.port, f'/{each}')[0] == 200 for each in named_inside)
+        assert all(get(server.port, f'/{item}')[0] == 200 for item in named_inside)
     assert '//' not in ''.join(named)
     assert not re.search(r'<script>|\sstyle=|\son\w+=', page)  # the policy blocks them
 
@@ -247,7 +247,7 @@ def test_stop_overtakes_the_messages_of_a_flooding_window() -> None:
         assert 'messages per second' in closed.value.rcvd.reason
         other.ping().wait(PATIENCE)
     server.stop()
-    asked = [each['do'] for each in listener.asked]
+    asked = [item['do'] for item in listener.asked]
     assert asked.index('stop') < 20
     assert listener.failed == []
 
@@ -270,8 +270,8 @@ def test_burst_of_ten_seconds_of_messages_is_accepted() -> None:
         window.count(5.0)
     with pytest.raises(BadMessageError, match='more than 100 messages'):
         window.count(5.0)
-    for each in range(10_000):  # twice the rate of the page during a jog
-        window.count(20.0 + each / 88.0)
+    for item in range(10_000):  # twice the rate of the page during a jog
+        window.count(20.0 + item / 88.0)
     window._loop.close()
 
 
@@ -280,7 +280,7 @@ def test_failure_in_a_request_is_reported(server: WebServer, listener: Listener)
     with opened(server.port) as client:
         client.send('{"do": "fail"}')
         assert listener.left.wait(PATIENCE)
-    assert [type(each) for each in listener.failed] == [ZeroDivisionError]
+    assert [type(item) for item in listener.failed] == [ZeroDivisionError]
 
 
 def test_slow_window_receives_only_the_newest_parts(server: WebServer, listener: Listener) -> None:
@@ -293,10 +293,10 @@ def test_slow_window_receives_only_the_newest_parts(server: WebServer, listener:
             window.offer('', {'beat': str(number), 'log': json.dumps(f'{number}{long}')})
             window.say(str(number))
         assert sum(map(len, window._waiting.values())) < 2 * len(long)
-        found: dict[str, Any] = {}
-        while found.get('beat') != 999:
-            found |= json.loads(client.recv(PATIENCE))
-        assert found['log'].startswith('999')
+        result: dict[str, Any] = {}
+        while result.get('beat') != 999:
+            result |= json.loads(client.recv(PATIENCE))
+        assert result['log'].startswith('999')
 
 
 def test_only_changed_parts_are_sent(server: WebServer, listener: Listener) -> None:
@@ -325,8 +325,8 @@ def test_delayed_message_is_late() -> None:
 async def test_after_silence_runs_only_the_last_callback() -> None:
     done: list[str] = []
     window = Window(asyncio.get_running_loop())
-    for each in ('first', 'second', 'last'):
-        window.after_silence(functools.partial(done.append, each))
+    for item in ('first', 'second', 'last'):
+        window.after_silence(functools.partial(done.append, item))
         await asyncio.sleep(0)
     await asyncio.sleep(2 * HELD_S)
     assert done == ['last']
@@ -379,8 +379,8 @@ OWN = f'http://{HERE}:{PORT}'
 
 
 def headers(**given: str | None) -> dict[str, str]:
-    found = {'host': f'{HERE}:{PORT}'} | given
-    return {name: value for name, value in found.items() if value is not None}
+    result = {'host': f'{HERE}:{PORT}'} | given
+    return {name: value for name, value in result.items() if value is not None}
 
 
 def rejection(
@@ -416,22 +416,22 @@ def test_page_by_loopback_name_is_allowed(name: str) -> None:
 )
 @pytest.mark.parametrize('upgrade', [None, 'websocket', 'WebSocket'])
 def test_other_origin_is_rejected(origin: str, upgrade: str | None) -> None:
-    found = rejection(LOCAL, origin=origin, upgrade=upgrade)
-    assert found is not None
-    assert found.status == 403
-    assert 'is not the page of this panel' in found.text
+    result = rejection(LOCAL, origin=origin, upgrade=upgrade)
+    assert result is not None
+    assert result.status == 403
+    assert 'is not the page of this panel' in result.text
 
 
 def test_websocket_without_origin_is_rejected() -> None:
-    found = rejection(LOCAL, upgrade='websocket')
-    assert found == Rejection(403, 'a websocket without an Origin is rejected')
+    result = rejection(LOCAL, upgrade='websocket')
+    assert result == Rejection(403, 'a websocket without an Origin is rejected')
 
 
 @pytest.mark.parametrize('host', ['evil.example:8080', '127.0.0.1', 'evil.example', '', None])
 def test_unknown_host_name_is_rejected(host: str | None) -> None:
-    found = rejection(LOCAL, host=host)
-    assert found is not None
-    assert found.status == 403
+    result = rejection(LOCAL, host=host)
+    assert result is not None
+    assert result.status == 403
 
 
 def test_only_the_address_of_arrival_is_allowed() -> None:
@@ -445,9 +445,9 @@ def test_only_the_address_of_arrival_is_allowed() -> None:
 def test_every_request_needs_the_token() -> None:
     access = Access(PORT, own_names(HERE), 'secret')
     for given in ({}, {'origin': OWN, 'upgrade': 'websocket'}):
-        found = rejection(access, **given)
-        assert found is not None
-        assert 'a token is needed' in found.text
+        result = rejection(access, **given)
+        assert result is not None
+        assert 'a token is needed' in result.text
         assert rejection(access, '/?token=secre', **given) is not None
         assert rejection(access, '/?token=secret&token=x', **given) is not None
         assert rejection(access, cookie='epson_driver_panel_8081=secret', **given) is not None

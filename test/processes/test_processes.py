@@ -284,10 +284,10 @@ def test_planning_requests_and_replies_survive_the_round_trip():
     again, limits = unpacked(packed((request, LIMITS)), PASSED_TYPES)
     assert isinstance(limits, JointLimits)
     assert limits.names == LIMITS.names
-    expected, found = plan(request, LIMITS), plan(again, limits)
+    expected, result = plan(request, LIMITS), plan(again, limits)
     assert expected is not None
-    assert found is not None
-    assert found.timing.times.tobytes() == expected.timing.times.tobytes()
+    assert result is not None
+    assert result.timing.times.tobytes() == expected.timing.times.tobytes()
     answer = unpacked(packed(expected), PASSED_TYPES)
     assert answer.knots.position.tobytes() == expected.knots.position.tobytes()
 
@@ -295,7 +295,7 @@ def test_planning_requests_and_replies_survive_the_round_trip():
 def test_numpy_scalars_become_python_numbers():
     value = unpacked(packed((np.float64(0.1), np.bool_(True), np.int64(3))), ())
     assert value == (0.1, True, 3)
-    assert [type(each) for each in value] == [float, bool, int]
+    assert [type(item) for item in value] == [float, bool, int]
 
 
 def test_received_arrays_are_writable_copies():

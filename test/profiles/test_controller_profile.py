@@ -277,7 +277,7 @@ def test_rc620_has_every_key():
     """docs/controllers.md refers to it as the complete example."""
     data = yaml.safe_load((FOLDER / 'simulated.yaml').read_text(encoding='utf-8'))
     written = {'.'.join(path) for path in paths(data)}
-    assert all(any(f'{each}.'.startswith(f'{key}.') for each in written) for key in RULES)
+    assert all(any(f'{item}.'.startswith(f'{key}.') for item in written) for key in RULES)
 
 
 def paths(data, before=()):

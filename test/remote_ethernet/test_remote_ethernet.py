@@ -9,7 +9,7 @@ import pytest
 from support.event_loop import PATIENCE, run, until
 
 from epson_driver.remote_ethernet.answers import ask_positions
-from epson_driver.remote_ethernet.client import GaveWayError, RemoteError, RemoteTurns, execute
+from epson_driver.remote_ethernet.client import PreemptedError, RemoteError, RemoteTurns, execute
 
 
 def ask(answer: bytes) -> None:
@@ -132,9 +132,9 @@ async def test_inv3_urgent_dialogue_preempts_running_and_waiting_ones():
     await asyncio.sleep(0.1)
     async with turns.urgent():
         order.append('urgent')
-        with pytest.raises(GaveWayError, match='needed for the motors'):
+        with pytest.raises(PreemptedError, match='needed for the motors'):
             await running
-    with pytest.raises(GaveWayError):
+    with pytest.raises(PreemptedError):
         await next_one
     assert order == ['urgent']
     assert await turns.patient(again) == 'again'

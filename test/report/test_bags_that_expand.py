@@ -176,7 +176,7 @@ def test_inv7_expanding_bag_is_refused_within_little_memory(
     made: Callable[[Path], Path], tmp_path: Path
 ) -> None:
     path = made(tmp_path / 'bag')
-    before = {each: each.stat().st_size for each in tmp_path.rglob('*')}
+    before = {item: item.stat().st_size for item in tmp_path.rglob('*')}
     command = [sys.executable, '-c', READS, str(path)]
     environment = os.environ | {'TMPDIR': str(tmp_path)}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -187,4 +187,4 @@ def test_inv7_expanding_bag_is_refused_within_little_memory(
     assert error.isprintable()
     assert len(error) < 500
     assert 'Recursion' not in error
-    assert {each: each.stat().st_size for each in tmp_path.rglob('*')} == before
+    assert {item: item.stat().st_size for item in tmp_path.rglob('*')} == before

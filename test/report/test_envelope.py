@@ -30,7 +30,7 @@ def test_text_has_reach_and_ranges_of_the_manual(
     path = tmp_path / 'picture.svg'
     draw_envelope(path, load_robot_model(name))
     text = path.read_text('utf-8')
-    assert all(each in text for each in words)
+    assert all(word in text for word in words)
 
 
 def test_arm_of_another_kind_is_refused(tmp_path: Path) -> None:

@@ -119,4 +119,4 @@ def test_page_with_two_runs_can_be_opened_twice(pages):
         tab.locator('#play').click()
         assert tab.locator('#clock').inner_text().endswith(' s')
         assert [text for text in messages if HARMLESS not in text] == []
-        assert {each.partition('#')[0] for each in requested} == {f'file://{pages[1]}'}
+        assert {item.partition('#')[0] for item in requested} == {f'file://{pages[1]}'}

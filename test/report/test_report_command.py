@@ -59,7 +59,7 @@ def test_compare_option_shows_two_runs(called, tmp_path):
     code, _ = called('--compare', 'a.pcap', 'b.pcap', '--output', 'both.html')
     assert code == 0
     both = json.loads((tmp_path / 'both.json').read_text())
-    assert [each['source'] for each in both] == ['a.pcap', 'b.pcap']
+    assert [item['source'] for item in both] == ['a.pcap', 'b.pcap']
 
 
 def test_report_of_an_exported_bag_has_equal_figures(called, tmp_path):
@@ -164,8 +164,8 @@ def test_policy_allows_only_scripts_and_styles_of_the_page(tmp_path):
         ('style-src', r'<style>(.*?)</style>'),
     ):
         hashes = {
-            "'sha256-" + base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() + "'"
-            for each in re.findall(pattern, text, re.DOTALL)
+            "'sha256-" + base64.b64encode(hashlib.sha256(item.encode()).digest()).decode() + "'"
+            for item in re.findall(pattern, text, re.DOTALL)
         }
         assert hashes == set(rules[kind].split())
     assert text.index('Content-Security-Policy') < text.index('<style>') < text.index('<script>')

@@ -60,7 +60,7 @@ def point(seconds, positions):
 
 
 def trajectory(*points, names=NAMES):
-    return TYPES[PLAN](header(0.0), list(names), [point(*each) for each in points])
+    return TYPES[PLAN](header(0.0), list(names), [point(*item) for item in points])
 
 
 def followed(seconds, positions, names=NAMES):
@@ -103,8 +103,8 @@ def event_texts(run, level):
 def test_goals_in_controller_state_are_plans_in_joint_order(tmp_path):
     turned = tuple(reversed(NAMES))
     references = [
-        (0.05 * n + begin, FOLLOWED, CONTROLLER_STATE, followed(0.05 * n, range(6), turned))
-        for begin, count in ((0.1, 4), (0.5, 3))
+        (0.05 * n + start, FOLLOWED, CONTROLLER_STATE, followed(0.05 * n, range(6), turned))
+        for start, count in ((0.1, 4), (0.5, 3))
         for n in range(count)
     ]
     again = (0.66, FOLLOWED, CONTROLLER_STATE, followed(0.1, range(6), turned))

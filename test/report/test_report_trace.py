@@ -107,7 +107,7 @@ def test_replies_rates_and_gaps_equal_the_wire(tmp_path):
     assert replies.longest == pytest.approx(0.004, abs=2e-6)
     assert numbers.joint_states.longest == pytest.approx(0.01, abs=2e-6)
     assert numbers.joint_states.median == pytest.approx(0.005, abs=2e-6)
-    counts = {(each.name, each.sender): len(each.times) for each in run.traffic}
+    counts = {(item.name, item.sender): len(item.times) for item in run.traffic}
     assert counts['JOINT_TRAJ_PT', 'driver'] == counts['JOINT_POSITION reply', 'controller'] == 3
     assert counts['STATUS', 'controller'] == 72
 
@@ -427,9 +427,9 @@ def test_plan_without_motion_has_no_dead_time():
     assert (motion.points, motion.began, motion.dead_time, motion.stops) == (2, None, None, None)
     jumped, speeds = here.copy(), here.copy()
     jumped[20:], speeds[20] = 0.1, 1.0
-    found = figures(Run('jump', 10**18, LIMITS.names, times, jumped, speeds, plans=[plan]))
-    assert found.motions[0].dead_time == pytest.approx(0.1)
-    assert found.stops == ()
+    result = figures(Run('jump', 10**18, LIMITS.names, times, jumped, speeds, plans=[plan]))
+    assert result.motions[0].dead_time == pytest.approx(0.1)
+    assert result.stops == ()
 
 
 def test_run_with_one_joint_state_can_be_drawn(tmp_path):

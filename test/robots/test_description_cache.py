@@ -48,14 +48,14 @@ def test_unwritable_home_is_tolerated(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_concurrent_writers_leave_one_complete_file(folder: Path) -> None:
     text = 'x' * 1_000_000
-    found: list[str] = []
+    result: list[str] = []
     threads = [
-        threading.Thread(target=lambda: found.append(cached([b'a'], lambda: text)))
+        threading.Thread(target=lambda: result.append(cached([b'a'], lambda: text)))
         for _ in range(8)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert found == [text] * 8
+    assert result == [text] * 8
     assert len(list(folder.iterdir())) == 1

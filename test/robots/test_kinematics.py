@@ -106,21 +106,21 @@ def test_chain_in_python_equals_the_urdf(model: RobotModel) -> None:
 
 
 def test_opw_lengths_of_the_c3_are_the_published_values() -> None:
-    found = opw_parameters(C3)
-    assert list(found.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
-    assert list(found.lengths.values()) == pytest.approx(
+    result = opw_parameters(C3)
+    assert list(result.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
+    assert list(result.lengths.values()) == pytest.approx(
         (0.100, 0.0, 0.0, 0.320, 0.250, 0.250, 0.065), abs=1e-12
     )
-    assert found.signs == (1, -1, -1, -1, -1, -1)
-    offsets = np.array(found.offsets)
+    assert result.signs == (1, -1, -1, -1, -1, -1)
+    offsets = np.array(result.offsets)
     offsets[5] = abs(offsets[5])  # half a turn in either direction
     assert offsets == pytest.approx([0, 0, -np.pi / 2, 0, 0, np.pi], abs=1e-12)
 
 
 def test_c8_has_an_elbow_offset() -> None:
-    found = opw_parameters(load_robot_model('c8_c901s'))
-    assert list(found.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
-    assert list(found.lengths.values()) == pytest.approx(
+    result = opw_parameters(load_robot_model('c8_c901s'))
+    assert list(result.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
+    assert list(result.lengths.values()) == pytest.approx(
         (0.1, -0.03, 0.0, 0.472, 0.4, 0.4, 0.08), abs=1e-12
     )
 
@@ -132,13 +132,13 @@ def test_inverse_returns_the_original_joints_first(
     arm, limits = Kinematics(model), model.limits
     for joints in joints_of(model, 2, 40):
         pose = arm.forward(joints)
-        found = arm.inverse(pose, joints)
-        np.testing.assert_allclose(found[0], joints, atol=1e-6)
-        assert np.all(found >= limits.position_min)
-        assert np.all(found <= limits.position_max)
-        distances = np.linalg.norm(found - joints, axis=1)
+        result = arm.inverse(pose, joints)
+        np.testing.assert_allclose(result[0], joints, atol=1e-6)
+        assert np.all(result >= limits.position_min)
+        assert np.all(result <= limits.position_max)
+        distances = np.linalg.norm(result - joints, axis=1)
         assert np.all(np.diff(distances) >= -EXACT)
-        for other in found:
+        for other in result:
             np.testing.assert_allclose(arm.forward(other), pose, atol=EXACT)
 
 
@@ -148,7 +148,7 @@ def test_inverse_finds_every_solution_within_limits(model: RobotModel) -> None:
     arm, limits = Kinematics(model), model.limits
     missed = 0
     for joints in joints_of(model, 3, 20):
-        found = arm.inverse(arm.forward(joints))
+        result = arm.inverse(arm.forward(joints))
         for flip in (0, 1):
             for fourth in (-2, -1, 0, 1, 2):
                 for sixth in (-3, -2, -1, 0, 1, 2, 3):
@@ -157,7 +157,7 @@ def test_inverse_finds_every_solution_within_limits(model: RobotModel) -> None:
                     other[4] *= -1.0 if flip else 1.0
                     other[5] += np.pi * (2 * sixth + flip)
                     inside = (limits.position_min <= other) & (other <= limits.position_max)
-                    near = np.all(np.abs(found - other) < 1e-6, axis=1)
+                    near = np.all(np.abs(result - other) < 1e-6, axis=1)
                     missed += int(np.all(inside) != np.any(near))
     assert missed == 0
 
@@ -166,7 +166,7 @@ def test_inverse_includes_all_full_turns() -> None:
     arm = Kinematics(C3)
     pose = arm.forward(np.radians([10.0, -20.0, 30.0, 170.0, 40.0, 50.0]))
     turns = {
-        (round(np.degrees(each[3])), round(np.degrees(each[5]))) for each in arm.inverse(pose)
+        (round(np.degrees(item[3])), round(np.degrees(item[5]))) for item in arm.inverse(pose)
     }
     assert {(170, 50), (170, -310), (-190, 50), (-190, -310)} <= turns
 
@@ -175,19 +175,19 @@ def test_straight_wrist_keeps_joint_4() -> None:
     arm = Kinematics(C3)
     joints = np.radians([10.0, -20.0, 30.0, 60.0, 0.0, -15.0])
     near = np.radians([10.0, -20.0, 30.0, 100.0, 0.0, 0.0])
-    found = arm.inverse(arm.forward(joints), near)
-    assert np.degrees(found[0]) == pytest.approx([10, -20, 30, 100, 0, -55], abs=1e-6)
-    for other in found:
+    result = arm.inverse(arm.forward(joints), near)
+    assert np.degrees(result[0]) == pytest.approx([10, -20, 30, 100, 0, -55], abs=1e-6)
+    for other in result:
         np.testing.assert_allclose(arm.forward(other), arm.forward(joints), atol=EXACT)
 
 
 @pytest.mark.parametrize('model', one_in(3, ARMS), ids=names)
 def test_singular_poses_have_solutions_despite_rounding(model: RobotModel) -> None:
     arm = Kinematics(model)
-    found = opw_parameters(model)
+    result = opw_parameters(model)
     # the elbow angle of a straight arm, with the elbow offset
-    stretched = found.signs[2] * (
-        found.offsets[2] - np.arctan2(found.lengths['a2'], found.lengths['c3'])
+    stretched = result.signs[2] * (
+        result.offsets[2] - np.arctan2(result.lengths['a2'], result.lengths['c3'])
     )
     for index, joints in enumerate(joints_of(model, 5, 60)):
         if index % 3 != 1:
@@ -204,13 +204,13 @@ def test_singular_poses_have_solutions_despite_rounding(model: RobotModel) -> No
 def test_inverse_finds_the_check_points(degrees: tuple[float, ...]) -> None:
     arm, joints = Kinematics(C3), np.radians(degrees)
     pose = arm.forward(joints)
-    found = arm.inverse(pose, joints)
+    result = arm.inverse(pose, joints)
     # singularities cost half of the digits
-    np.testing.assert_allclose(found[0], joints, atol=1e-5)
-    np.testing.assert_allclose(arm.forward(found[0]), pose, atol=4e-6)
-    for one in range(len(found)):  # a stretched elbow has no second solution
-        others = np.delete(found, one, axis=0)
-        assert np.all(np.max(np.abs(others - found[one]), axis=1) > 1e-5)
+    np.testing.assert_allclose(result[0], joints, atol=1e-5)
+    np.testing.assert_allclose(arm.forward(result[0]), pose, atol=4e-6)
+    for one in range(len(result)):  # a stretched elbow has no second solution
+        others = np.delete(result, one, axis=0)
+        assert np.all(np.max(np.abs(others - result[one]), axis=1) > 1e-5)
 
 
 def test_unreachable_pose_has_no_solution() -> None:
@@ -335,7 +335,7 @@ def test_uvw_rotate_about_z_then_y_then_x() -> None:
 
 @pytest.mark.parametrize('name', ['c8_c901s', 'cx4_a601s', 'cx7_a701s', 'n2_a450s'])
 def test_ceiling_arm_has_the_sides_of_the_standing_arm(name):
-    standing, hanging = (load_robot_model(each) for each in (name, f'{name}r'))
+    standing, hanging = (load_robot_model(item) for item in (name, f'{name}r'))
     limits = standing.limits
     for joints in np.random.default_rng(3).uniform(
         limits.position_min, limits.position_max, (50, 6)

@@ -48,8 +48,8 @@ def test_moveit_file_overrides_the_urdf(tmp_path: Path) -> None:
     )
     known = urdf_limits(URDF)['turn'] | file_limits(str(file))['turn']
     limits, assumed = limits_of(['turn'], {'turn': known}, RATIOS)
-    found = [float(getattr(limits, name)[0]) for name in ('velocity', 'acceleration', 'jerk')]
-    assert found == [1.0, 6.0, 60.0]
+    result = [float(getattr(limits, name)[0]) for name in ('velocity', 'acceleration', 'jerk')]
+    assert result == [1.0, 6.0, 60.0]
     assert (limits.position_min[0], limits.position_max[0]) == (-1.0, 1.5)
     assert assumed == ['turn: jerk 60, 10 times its acceleration']
 

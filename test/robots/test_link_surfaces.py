@@ -29,7 +29,7 @@ def is_closed(corners: Array) -> bool:
     edges = {
         (int(ring[k]), int(ring[(k + 1) % 3])) for ring in index.reshape(-1, 3) for k in range(3)
     }
-    return all((end, begin) in edges for begin, end in edges)
+    return all((end, start) in edges for start, end in edges)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_solids_are_closed_and_have_their_size(corners: Array, expected: float) 
 
 def bounds(model: RobotModel) -> list[Array]:
     """Return the smallest and the largest x, y and z of each link, shape (2, 3), m."""
-    links = [np.concatenate([each.corners for each in link]) for link in link_surfaces(model)]
+    links = [np.concatenate([item.corners for item in link]) for link in link_surfaces(model)]
     return [np.array([link.min(axis=(0, 1)), link.max(axis=(0, 1))]) for link in links]
 
 
@@ -84,15 +84,15 @@ def test_links_do_not_collide_over_each_joint_range(model: RobotModel) -> None:
     limits = model.limits
     count = len(model.joint_names)
     poses = ElementTree.fromstring(srdf(model.file)).findall('group_state')
-    named = {pose.get('name'): [float(each.get('value', '')) for each in pose] for pose in poses}
+    named = {pose.get('name'): [float(item.get('value', '')) for item in pose] for pose in poses}
     start = np.array(named.get('upright', named['zero']))
     assert bodies.distance(start) > 0.005
-    for joint, share in itertools.product(range(count), np.linspace(0.0, 1.0, 25)):
+    for joint, fraction in itertools.product(range(count), np.linspace(0.0, 1.0, 25)):
         if count == 6 and joint == 1:  # this joint lowers the forearm to the base
             continue
         position = start.copy()
         low, high = limits.position_min[joint], limits.position_max[joint]
-        position[joint] = low + share * (high - low)
+        position[joint] = low + fraction * (high - low)
         touching = {bodies.pairs[pair] for pair in bodies.touching(position)}
         assert touching == set(), (model.joint_names[joint], position[joint])
 

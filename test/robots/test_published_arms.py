@@ -44,15 +44,17 @@ def test_tool_pose_equals_epsons_urdf(name: str) -> None:
     arm = Kinematics(model(name))
     for joints, pose in PUBLISHED[name]['poses'].items():
         expected = numbers(pose).reshape(3, 3)
-        found = arm.in_base(arm.forward(numbers(joints)))
-        np.testing.assert_allclose(found[:3, 3], expected[0], rtol=0, atol=CLOSE_M)
-        np.testing.assert_allclose(found[:3, [0, 2]].T, expected[1:], rtol=0, atol=CLOSE_DIRECTION)
+        result = arm.in_base(arm.forward(numbers(joints)))
+        np.testing.assert_allclose(result[:3, 3], expected[0], rtol=0, atol=CLOSE_M)
+        np.testing.assert_allclose(
+            result[:3, [0, 2]].T, expected[1:], rtol=0, atol=CLOSE_DIRECTION
+        )
 
 
 @each
 def test_joint_ranges_are_close_to_epsons_and_within(name: str) -> None:
     ours = model(name)
-    published = np.array([numbers(each) for each in PUBLISHED[name]['range'].split(';')])
+    published = np.array([numbers(item) for item in PUBLISHED[name]['range'].split(';')])
     low = ours.limits.position_min * ours.shown_per_unit
     high = ours.limits.position_max * ours.shown_per_unit
     for inwards in (low - published[:, 0], published[:, 1] - high):
@@ -65,9 +67,9 @@ def test_speeds_and_accelerations_do_not_exceed_epsons(name: str) -> None:
     ours = model(name)
     speed = ours.limits.velocity * ours.shown_per_unit / numbers(PUBLISHED[name]['speed'])
     hard = ours.limits.acceleration / numbers(PUBLISHED[name]['acceleration'])
-    for share, least in ((speed, 0.9998), (hard, 0.995)):
-        assert np.all(share <= 1.0 + ROUNDED), share
-        assert np.all(share >= least), share
+    for fraction, least in ((speed, 0.9998), (hard, 0.995)):
+        assert np.all(fraction <= 1.0 + ROUNDED), fraction
+        assert np.all(fraction >= least), fraction
 
 
 @each

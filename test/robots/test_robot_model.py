@@ -62,7 +62,7 @@ def test_pulses_of_the_c3_match_its_ranges() -> None:
 def test_c3_has_a_source_and_mark_per_joint() -> None:
     model = load_robot_model('c3_a601s')
     per_joint = ['range', 'speed', 'acceleration', 'pulses']
-    assert [each for each in model.provenance if each not in per_joint] == [
+    assert [item for item in model.provenance if item not in per_joint] == [
         *('jerk', 'origins', 'tool0', 'world', 'payload', 'mass')
     ]
     for quantity, origin in model.provenance.items():
@@ -359,7 +359,7 @@ def test_invalid_value_is_reported_with_file_line_and_key(
     lines = path.read_text('utf-8').splitlines()
     wanted = text.partition(' ')[0].strip(':.')
     inside = f'  {wanted}:' if text.startswith('.') else f'{key}:'
-    line = 1 + next(number for number, each in enumerate(lines) if each.startswith(inside))
+    line = 1 + next(number for number, item in enumerate(lines) if item.startswith(inside))
     with pytest.raises(InputError) as error:
         load_robot_model(str(path))
     assert str(error.value).startswith(f'{path}, line {line}: {key}{text}')

@@ -34,12 +34,12 @@ def test_inverse_returns_the_original_joints_and_valid_solutions(model):
     both = 0
     for joints in random.uniform(limits.position_min, limits.position_max, (60, 4)):
         pose = arm.forward(joints)
-        found = arm.inverse(pose, joints)
-        assert np.abs(found[0] - joints).max() < 1e-6
-        for solution in found:
+        result = arm.inverse(pose, joints)
+        assert np.abs(result[0] - joints).max() < 1e-6
+        for solution in result:
             np.testing.assert_allclose(arm.forward(solution), pose, atol=1e-9)
             assert np.all((solution >= limits.position_min) & (solution <= limits.position_max))
-        sides = {float(np.sign(np.sin(solution[1]))) for solution in found}
+        sides = {float(np.sign(np.sin(solution[1]))) for solution in result}
         both += len(sides) == 2
     assert both > 10  # most poses can be reached with the elbow on either side
 
@@ -54,8 +54,8 @@ def test_stretched_arm_has_one_solution_and_none_beyond(model, bend):
     arm = Kinematics(model)
     stretched = np.array([0.7, bend, -0.05, 0.2])
     pose = arm.forward(stretched)
-    found = arm.inverse(pose, stretched)
-    assert np.abs(found[0] - stretched).max() < 1e-6
+    result = arm.inverse(pose, stretched)
+    assert np.abs(result[0] - stretched).max() < 1e-6
     for beyond, count in ((1e-10, True), (1e-6, False)):
         further = pose.copy()
         away = pose[:2, 3] / np.linalg.norm(pose[:2, 3])
@@ -66,8 +66,8 @@ def test_stretched_arm_has_one_solution_and_none_beyond(model, bend):
 def test_folded_equal_arms_keep_joint_1():
     arm = Kinematics(RS4)
     folded = np.array([0.4, 0.0, -0.05, 0.2])  # at zero one arm is below the other
-    found = arm.inverse(arm.forward(folded), folded)
-    assert np.abs(found[0] - folded).max() < 1e-6
+    result = arm.inverse(arm.forward(folded), folded)
+    assert np.abs(result[0] - folded).max() < 1e-6
 
 
 def test_inverse_respects_the_range_of_the_shaft():

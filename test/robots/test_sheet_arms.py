@@ -32,7 +32,7 @@ each_six_axis = pytest.mark.parametrize('name', SIX_AXES)
 def figures(row: str) -> tuple[Array, ...]:
     """Return reach, lengths, ranges (shape (n, 2)), speeds, and an optional height."""
     reach, lengths, ranges, *more = (
-        np.array(each.split(), dtype=float) for each in row.split(';')
+        np.array(item.split(), dtype=float) for item in row.split(';')
     )
     return reach, lengths, ranges.reshape(-1, 2), *more
 
@@ -45,9 +45,9 @@ def assert_limits(model: RobotModel, ranges: Array, speeds: Array) -> None:
     ]
     assert np.all(np.array(inwards) >= -1e-9)
     assert np.all(np.array(inwards) <= NARROWER_DEG)
-    share = limits.velocity * shown / speeds
-    assert np.all(share <= 1.0005)
-    assert np.all(share >= SLOWER)
+    fraction = limits.velocity * shown / speeds
+    assert np.all(fraction <= 1.0005)
+    assert np.all(fraction >= SLOWER)
 
 
 def test_sheet_contains_every_other_model() -> None:
@@ -87,8 +87,8 @@ def test_six_axis_arm_has_its_lengths_ranges_and_speeds(name: str) -> None:
     wrist = model.reach[0] - model.reach[4]
     assert wrist * 1e3 == pytest.approx(reach[0], abs=CLOSE_MM)
     assert_limits(model, turns, speeds)
-    found = opw_parameters(model).lengths
-    shown = [found['c1'], found['a1'], found['c2'], -found['a2'], found['c3'], found['c4']]
+    result = opw_parameters(model).lengths
+    shown = [result['c1'], result['a1'], result['c2'], -result['a2'], result['c3'], result['c4']]
     np.testing.assert_allclose(np.array(shown) * 1e3, lengths, rtol=0, atol=CLOSE_MM)
 
     # these points do not depend on the split of the chain

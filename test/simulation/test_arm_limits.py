@@ -25,10 +25,10 @@ ASKED = [Event(0.1, 'mend', {}), Event(1.0, 'goal', AWAY)]
 
 
 def extrema(motion):
-    found = Extrema()
+    result = Extrema()
     spans = spans_of(motion.at, cuts(motion, 0.0, 0.0, motion.duration))
-    found.extend(spans, LIMITS, spans[2])
-    return [found.velocity, found.acceleration, found.jerk]
+    result.extend(spans, LIMITS, spans[2])
+    return [result.velocity, result.acceleration, result.jerk]
 
 
 def sampled(motion, count=20001):
@@ -70,9 +70,9 @@ MOTIONS = {
 
 @pytest.mark.parametrize('motion', MOTIONS.values(), ids=MOTIONS)
 def test_extrema_match_fine_samples_and_are_not_below_them(motion):
-    found, seen = extrema(motion()), sampled(motion())
-    assert np.all(np.array(found) >= np.array(seen) * (1.0 - 1e-6))
-    assert found == pytest.approx(seen, rel=2e-3)
+    result, seen = extrema(motion()), sampled(motion())
+    assert np.all(np.array(result) >= np.array(seen) * (1.0 - 1e-6))
+    assert result == pytest.approx(seen, rel=2e-3)
 
 
 def test_long_line_reaches_its_limits_exactly():

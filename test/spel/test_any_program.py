@@ -13,7 +13,7 @@ from support.examples import examples, one_in
 from support.spel_harness import SCARA, ScriptedHost
 
 from epson_driver.sim_controller.spel_run import run_function
-from epson_driver.spel import Machine, ProgramError, Surroundings, build
+from epson_driver.spel import Machine, ProgramEnvironment, ProgramError, build
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import decoded
 from epson_driver.spel.words import CONSTANTS
@@ -82,7 +82,7 @@ def build_and_run(text: str) -> str:
         assert re.match(r'main\.prg:\d+: error \d+ in \w+ \(task \d+\): .', str(failure))
     for code in program.functions[:3]:
         if not code.parameters:
-            error = run_function(program, code, SCARA, Surroundings(), longest=0.1).error
+            error = run_function(program, code, SCARA, ProgramEnvironment(), longest=0.1).error
             assert re.match(r'(error \d+: .|still running after |waits for |$)', error)
     return 'run'
 

@@ -12,7 +12,7 @@ from epson_driver.spel import Machine, Memory, ProgramError, build
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.commands import COMMANDS, KEYWORDS, WITHOUT_EFFECT
 from epson_driver.spel.file_access import FILE_FUNCTIONS
-from epson_driver.spel.files import Surroundings
+from epson_driver.spel.files import ProgramEnvironment
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.library import VALUE_FUNCTIONS
 from epson_driver.spel.lint import check
@@ -481,20 +481,22 @@ def test_check_and_run_refuse_the_same_numbers(name: str) -> None:
     """Each number of each statement and function is replaced by numbers out of range."""
     body = SOURCES[name]
     source = body if 'Function' in body else f'Function main\n{body}\nFend'
-    for found in A_NUMBER.finditer(source):
-        before = source[: found.start()]
+    for result in A_NUMBER.finditer(source):
+        before = source[: result.start()]
         for number in ('-1', '0', '40000'):
-            changed = before + number + source[found.end() :]
+            changed = before + number + source[result.end() :]
             line = changed.splitlines()[before.count('\n')].strip()
             if before.count('"') % 2 or IT_DEPENDS.search(line):
                 continue
-            errors = {each.rule for each in check({'main.prg': changed}) if not each.warning}
+            errors = {item.rule for item in check({'main.prg': changed}) if not item.warning}
             if errors - {'range'} or (errors and HANDLED.search(changed)):
                 continue
             host = ScriptedHost()
             host.typed = ['5, 2.5']
             run(changed, host=host)
-            refused = [each.text for each in host.failures if each.number in (9991, 9993, 2260)]
+            refused = [
+                failure.text for failure in host.failures if failure.number in (9991, 9993, 2260)
+            ]
             assert bool(refused) == bool(errors), line
 
 
@@ -518,7 +520,7 @@ def test_unsimulated_word_is_an_error_unless_stubbed(name: str) -> None:
     (warning,) = check({'main.prg': source})
     assert (warning.rule, warning.warning) == ('not-simulated', True)
     answered = ScriptedHost()
-    around = Surroundings({name: [1]})
+    around = ProgramEnvironment({name: [1]})
     made = Machine(build({'main.prg': source}), answered, around=around)
     made.start()
     made.advance(1.0)

@@ -60,9 +60,9 @@ def test_exported_project_can_be_read(tmp_path: Path, version: int) -> None:
         if not name.endswith(('.prg', '.inc')):
             assert header_fault(content) == '', name
     project = parsed('cell.sprj', written['cell.sprj'].decode())
-    listed = [each.text('sName') for each in project.blocks('ProgramFile')]
-    listed += [each.text('sName') for each in project.blocks('IncludeFile')]
-    assert sorted(listed) == sorted(each for each in files if each.endswith(('.prg', '.inc')))
+    listed = [block.text('sName') for block in project.blocks('ProgramFile')]
+    listed += [block.text('sName') for block in project.blocks('IncludeFile')]
+    assert sorted(listed) == sorted(file for file in files if file.endswith(('.prg', '.inc')))
     named = [*listed, 'robot1.pts', 'IOLabels.dat', 'UserErrors.dat', 'cell.vis', 'cell.sprj']
     assert sorted(named) == sorted(written)
     again = read_project(tmp_path)
@@ -85,7 +85,7 @@ def test_rc620_export_has_the_blocks_of_rc_6_0_0() -> None:
 
 def test_error_labels_of_the_program_match_their_file() -> None:
     errors = parsed('UserErrors.dat', FILES['UserErrors.dat'])
-    assert [each.text('sLabel') for each in errors.blocks('Label')] == [
+    assert [block.text('sLabel') for block in errors.blocks('Label')] == [
         'CORRUPT_MSG', 'NOT_READY', 'STOPPED_BY_BIT', 'CLIENT_SILENT'
     ]  # fmt: skip
     assert header_fault((share_folder('controller_program') / 'UserErrors.dat').read_bytes()) == ''

@@ -12,7 +12,7 @@ from epson_driver.spel.lint import RULES, check
 def found(source: str, version: int = 8) -> list[tuple[str, int]]:
     """Return rule and line of each problem."""
     given = {'main.prg': source}
-    return [(each.rule, each.position.line) for each in check(given, version)]
+    return [(item.rule, item.position.line) for item in check(given, version)]
 
 
 def main(body: str, declarations: str = '') -> str:
@@ -118,7 +118,7 @@ BAD = [
 def test_rule_finds_its_problem_at_the_line(rule: str, line: int, source: str) -> None:
     problems = found(source, 6)
     assert (rule, line) in problems
-    assert {each for each, _ in problems} - {rule} <= {'version', 'unused'}
+    assert {item for item, _ in problems} - {rule} <= {'version', 'unused'}
 
 
 def test_more_than_64_variables_in_wait_conditions_are_a_problem() -> None:

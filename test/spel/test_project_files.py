@@ -120,7 +120,7 @@ def test_label_without_a_position_is_an_undefined_point() -> None:
     machine = Machine(build(project('Print CX(later)')), host)
     machine.start()
     machine.advance(1.0)
-    assert [each.number for each in host.failures] == [7007]
+    assert [failure.number for failure in host.failures] == [7007]
 
 
 def test_io_labels_are_bit_numbers() -> None:
@@ -177,13 +177,13 @@ def test_all_files_of_a_project_have_one_code_page(tmp_path: Path) -> None:
 
 
 def test_check_reports_an_invalid_header() -> None:
-    found = [each for each in check(project('')) if each.rule == 'project-file']
-    assert {each.position.file for each in found} == {'robot1.pts', 'IOLabels.dat'}
-    assert all(each.warning for each in found)
+    found = [item for item in check(project('')) if item.rule == 'project-file']
+    assert {item.position.file for item in found} == {'robot1.pts', 'IOLabels.dat'}
+    assert all(item.warning for item in found)
 
 
 def found(files: dict[str, str]) -> list[tuple[str, bool]]:
-    return [(each.text.split(':')[0], each.warning) for each in check(files)]
+    return [(item.text.split(':')[0], item.warning) for item in check(files)]
 
 
 ALONE = """Function main

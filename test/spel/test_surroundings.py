@@ -10,11 +10,11 @@ from support.spel_harness import on_controller
 
 from epson_driver.inputs import InputError
 from epson_driver.sim_controller.spel_run import TestResult
-from epson_driver.spel import NetSettings, Surroundings, read_answers
+from epson_driver.spel import NetSettings, ProgramEnvironment, read_answers
 from epson_driver.spel.files import Files
 
 
-def run(body: str, around: Surroundings | None = None, more: str = '') -> TestResult:
+def run(body: str, around: ProgramEnvironment | None = None, more: str = '') -> TestResult:
     """Run a main with these statements."""
     return on_controller(f'Function main\n{body}\nFend\n{more}', around)
 
@@ -49,7 +49,7 @@ def test_stub_answers_are_used_in_order_and_the_last_repeats(tmp_path: Path) -> 
         'vget find.geom01.robotxyu: [[1, 250.0, 40.5, 90], [0, 1, 2, 3]]\n'
         'VGet: [1]\nCnv_QueLen: [2, 1, 0]\nCnv_QueGet: [[5, 6, 7]]\nSF_GetParam$: name\n'
     )
-    result = run(VISION, Surroundings(read_answers(path)))
+    result = run(VISION, ProgramEnvironment(read_answers(path)))
     assert lines(result) == [
         '1 -1 250 40.5 90 2', '2 0 1 2 3 1', '3 0 1 2 3 0', '-1', '6 name', '0'
     ]  # fmt: skip
@@ -97,7 +97,7 @@ Fend
 def test_port_without_setnet_uses_the_system_configuration() -> None:
     """A client of a TCP port that the same program serves is its peer."""
     ports = {201: NetSettings('', 2001), 202: NetSettings('192.168.0.1', 2001)}
-    assert lines(run(PEERS, Surroundings(ports=ports), SERVED)) == ['hello to you', '-1']
+    assert lines(run(PEERS, ProgramEnvironment(ports=ports), SERVED)) == ['hello to you', '-1']
 
 
 WRITES = """
@@ -118,7 +118,7 @@ WRITES = """
 def test_files_are_written_to_the_folder_only_with_keep(tmp_path: Path, keep: bool) -> None:
     (tmp_path / 'Data.csv').write_bytes(b'1\r\n')
     (tmp_path / 'old.txt').write_bytes(b'')
-    result = run(WRITES.replace('\\\\', '\\'), Surroundings(files=Files(tmp_path, keep)))
+    result = run(WRITES.replace('\\\\', '\\'), ProgramEnvironment(files=Files(tmp_path, keep)))
     assert lines(result) == ['6 -1 -1', '0']
     assert (tmp_path / 'Data.csv').read_bytes() == (b'1\r\n5\r\n' if keep else b'1\r\n')
     assert (tmp_path / 'new').exists() is keep
@@ -141,9 +141,9 @@ POINTS = """
 def test_taught_points_are_not_overwritten(tmp_path: Path) -> None:
     for name in ('robot1.pts', 'old.pts'):
         (tmp_path / name).write_text('taught')
-    result = run(POINTS, Surroundings(files=Files(tmp_path, keep=True)))
+    result = run(POINTS, ProgramEnvironment(files=Files(tmp_path, keep=True)))
     assert lines(result) == ['-1', '0']
-    assert {each.name for each in tmp_path.iterdir()} == {'robot1.pts', 'old.pts', 'new.pts'}
+    assert {item.name for item in tmp_path.iterdir()} == {'robot1.pts', 'old.pts', 'new.pts'}
     assert (tmp_path / 'robot1.pts').read_text() == (tmp_path / 'old.pts').read_text() == 'taught'
 
 
@@ -171,15 +171,17 @@ SPELLED = ('{}', '{}/.', './{}', './/{}//./', 'sub/../{}', '{}\\', '{}\\.', '/{}
 )
 def test_program_cannot_change_its_sources(tmp_path: Path, statement: str) -> None:
     sources = dict.fromkeys(SOURCES, b'source')
-    for each, content in (sources | {'other.txt': b'other'}).items():
-        (tmp_path / each).write_bytes(content)
+    for element, content in (sources | {'other.txt': b'other'}).items():
+        (tmp_path / element).write_bytes(content)
     for name, spelled in product(SOURCES, SPELLED):
         for case in (name, name.upper()):
             text = statement.format(spelled.format(case))
             (tmp_path / 'sub').mkdir(exist_ok=True)
-            run(f'  {text}\n', Surroundings(files=Files(tmp_path, keep=True)))
-            assert {each: (tmp_path / each).read_bytes() for each in SOURCES} == sources, text
-    assert {each.name for each in tmp_path.iterdir()} <= {*SOURCES, 'other.txt', 'sub', 'new.txt'}
+            run(f'  {text}\n', ProgramEnvironment(files=Files(tmp_path, keep=True)))
+            assert {source: (tmp_path / source).read_bytes() for source in SOURCES} == sources, (
+                text
+            )
+    assert {item.name for item in tmp_path.iterdir()} <= {*SOURCES, 'other.txt', 'sub', 'new.txt'}
 
 
 @pytest.mark.parametrize(
@@ -190,9 +192,9 @@ def test_program_cannot_write_outside_its_folder(tmp_path: Path, name: str) -> N
     project.mkdir()
     elsewhere.mkdir()
     (project / 'link').symlink_to(elsewhere)
-    result = run(f'  WOpen "{name}" As #30\n', Surroundings(files=Files(project, keep=True)))
+    result = run(f'  WOpen "{name}" As #30\n', ProgramEnvironment(files=Files(project, keep=True)))
     assert result.error.startswith('error 9993: ')
-    assert {each.name for each in tmp_path.rglob('*')} == {'project', 'elsewhere', 'link'}
+    assert {item.name for item in tmp_path.rglob('*')} == {'project', 'elsewhere', 'link'}
 
 
 def test_file_size_is_limited() -> None:

@@ -267,7 +267,7 @@ def test_statement_is_refused_by_task_type(statement: str, refused_by: set[str])
       Xqt act, Normal
     Fend
     """
-    found = set()
+    result = set()
     for kind in ('Normal', 'NoPause', 'NoEmgAbort', 'background'):
         host = ScriptedHost()
         host.motors = True
@@ -278,9 +278,9 @@ def test_statement_is_refused_by_task_type(statement: str, refused_by: set[str])
             made.start(f'start_{kind}', 9)
         made.advance(1.0)
         if host.failures:
-            assert [each.number for each in host.failures] == [ErrorNumber.TASK_TYPE]
-            found.add(kind)
-    assert found == refused_by
+            assert [failure.number for failure in host.failures] == [ErrorNumber.TASK_TYPE]
+            result.add(kind)
+    assert result == refused_by
 
 
 def test_background_task_restarts_main() -> None:

@@ -60,8 +60,8 @@ def test_every_word_is_known() -> None:
     """Each word, as a statement and as a value, is accepted or refused by its name."""
     forms = ('{} 1', 'x = {}(1)', 'x = {}')
     for text in (form.format(word.name) for word in WORDS.values() for form in forms):
-        found = problems(f'Function main\n  Real x\n  {text}\nFend')
-        assert 'unknown' not in [rule for rule, _ in found], (text, found)
+        result = problems(f'Function main\n  Real x\n  {text}\nFend')
+        assert 'unknown' not in [rule for rule, _ in result], (text, result)
 
 
 def test_reserved_words_depend_on_the_version() -> None:

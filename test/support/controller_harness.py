@@ -286,10 +286,10 @@ def _measure(dense):
             )
             sent += 1
         asked = harness.planner.asked
-        begin = time.perf_counter()
+        start = time.perf_counter()
         harness.controller.step(0.004)
         harness.joints  # noqa: B018  as a state message
-        cost = time.perf_counter() - begin
+        cost = time.perf_counter() - start
         harness.planner.step(0.004)
         if harness.planner.asked == asked:
             costs.append(cost * 1e6)

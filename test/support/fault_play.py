@@ -316,14 +316,14 @@ async def _reach(
     stream: contextlib.AsyncExitStack,
 ) -> Any:
     """Bring the motion to the phase of the fault, and return its goal or None."""
-    begin = where(controller)
+    start = where(controller)
     if cell.phase == 'standing':
         return None
     if cell.interface == 'setpoints':
         first = now()
         ramp = sending(harness, lambda _time: positions(pose(SPEED * (now() - first))))
         await stream.enter_async_context(ramp)
-        await until(lambda: np.abs(where(controller) - begin).max() > IN_MOTION)
+        await until(lambda: np.abs(where(controller) - start).max() > IN_MOTION)
         return None
     goal = harness.submit(*row.points, step=0.4)
     if cell.phase == 'starting':
@@ -332,7 +332,7 @@ async def _reach(
         end = row.points[-1]
         await until(lambda: goal.outcomes or np.abs(where(controller) - end).max() < ARRIVING)
     else:
-        await until(lambda: goal.outcomes or np.abs(where(controller) - begin).max() > IN_MOTION)
+        await until(lambda: goal.outcomes or np.abs(where(controller) - start).max() > IN_MOTION)
     return goal
 
 

@@ -60,7 +60,7 @@ def described(path: Path) -> list[Any]:
 
 def declared(path: Path) -> set[str]:
     """Return the arguments that a launch file declares."""
-    return {each.name for each in described(path) if each.kind == 'DeclareLaunchArgument'}
+    return {item.name for item in described(path) if item.kind == 'DeclareLaunchArgument'}
 
 
 def launched(path: Path | str, **arguments: str) -> list[Any]:
@@ -73,33 +73,33 @@ def launched(path: Path | str, **arguments: str) -> list[Any]:
 
 
 def _run(entities: Iterable[Any], values: dict[str, str], started: list[Any]) -> None:
-    for each in entities:
-        if each.condition and _performed(each.condition.given[0], values) != 'true':
+    for entity in entities:
+        if entity.condition and _performed(entity.condition.given[0], values) != 'true':
             continue
-        match each.kind:
+        match entity.kind:
             case 'DeclareLaunchArgument':
-                values.setdefault(each.name, each.default_value)
-                choices = getattr(each, 'choices', None)
-                assert choices is None or values[each.name] in choices, each.name
+                values.setdefault(entity.name, entity.default_value)
+                choices = getattr(entity, 'choices', None)
+                assert choices is None or values[entity.name] in choices, entity.name
             case 'OpaqueFunction':
                 context = types.SimpleNamespace(launch_configurations=values)
-                _run(each.function(context) or (), values, started)
+                _run(entity.function(context) or (), values, started)
             case 'GroupAction':
-                _run(each.given[0], dict(values), started)
+                _run(entity.given[0], dict(values), started)
             case 'IncludeLaunchDescription':
-                path = Path(each.given[0].given[0])
-                given = {name: _performed(to, values) for name, to in each.launch_arguments}
+                path = Path(entity.given[0].given[0])
+                given = {name: _performed(to, values) for name, to in entity.launch_arguments}
                 assert given.keys() <= declared(path), path
                 values |= given  # launch does not restore them either
                 _run(described(path), values, started)
             case 'RegisterEventHandler':
-                handler = each.given[0]
+                handler = entity.given[0]
                 assert not handler.on_exit(types.SimpleNamespace(returncode=1), None)
                 _run(handler.on_exit(types.SimpleNamespace(returncode=0), None), values, started)
             case 'Node' | 'ExecuteProcess' | 'LogInfo':
-                started.append(_settled(each, values))
+                started.append(_settled(entity, values))
             case _:
-                raise AssertionError(f'unknown: {each.kind}')
+                raise AssertionError(f'unknown: {entity.kind}')
 
 
 def _performed(value: Any, values: dict[str, str]) -> str:
@@ -115,20 +115,22 @@ def _settled(entity: Any, values: dict[str, str]) -> Any:
         entity.package = 'ros2cli' if of_path else first.package
         entity.executable = first if of_path else first.executable
     entity.namespace = _performed(entity.namespace, values)
-    entity.files = [str(each) for each in entity.parameters if not isinstance(each, Mapping)]
+    entity.files = [
+        str(parameter) for parameter in entity.parameters if not isinstance(parameter, Mapping)
+    ]
     entity.values = {}
-    for each in entity.parameters:
-        if isinstance(each, Mapping):
-            entity.values |= _flat(each)
+    for item in entity.parameters:
+        if isinstance(item, Mapping):
+            entity.values |= _flat(item)
     return entity
 
 
 def _flat(values: Mapping[str, Any], above: str = '') -> dict[str, Any]:
     """Return parameters by dotted names, with the texts that ROS would receive."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            found |= _flat(value, f'{above}{name}.')
+            result |= _flat(value, f'{above}{name}.')
         else:
-            found[above + name] = value.given[0] if isinstance(value, Entity) else value
-    return found
+            result[above + name] = value.given[0] if isinstance(value, Entity) else value
+    return result

@@ -26,7 +26,7 @@ from epson_driver.driver.servo import restart_interlock
 from epson_driver.driver.servo.restart_interlock import RestartInterlock
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.servo.setpoint import ServoSettings
-from epson_driver.driver.stopping.arm_gate import Enabling
+from epson_driver.driver.stopping.arm_gate import EnableRequest
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.panel.arming import Arming
 from epson_driver.sim_controller.core import Controller
@@ -123,7 +123,7 @@ def a_stop_is_a_success_before_the_arm_stands(put: Patch) -> None:
 
 @found_by(seed=8)
 def disable_does_not_end_enabling(put: Patch) -> None:
-    put(Enabling, 'cancel', lambda self, why: None)
+    put(EnableRequest, 'cancel', lambda self, why: None)
 
 
 @found_by(seed=21)

@@ -14,10 +14,10 @@ def unwrapped(text: str) -> str:
 
 def items(text: str) -> list[tuple[str, list[str]]]:
     """Return the items of a list, each with its sub-items."""
-    found: list[tuple[str, list[str]]] = []
+    result: list[tuple[str, list[str]]] = []
     for line in unwrapped(text).splitlines():
         if line.startswith('* '):
-            found.append((line.removeprefix('* '), []))
+            result.append((line.removeprefix('* '), []))
         elif line.startswith('  * '):
-            found[-1][1].append(line.removeprefix('  * '))
-    return found
+            result[-1][1].append(line.removeprefix('  * '))
+    return result

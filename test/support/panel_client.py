@@ -71,7 +71,7 @@ class PanelClient:
         self.lives = threading.Event()
         """Set after its first heartbeat for a shown robot."""
         self._threads = [
-            threading.Thread(target=each, daemon=True) for each in (self._read, self._live)
+            threading.Thread(target=item, daemon=True) for item in (self._read, self._live)
         ]
         for thread in self._threads:
             thread.start()
@@ -118,20 +118,20 @@ class PanelClient:
     @property
     def advice(self) -> str:
         """The reason why the arm cannot move, and the remedy."""
-        found = self.parts.get('advice', {'reason': '', 'remedy': ''})
-        return f'{found["reason"]} → {found["remedy"]}'
+        result = self.parts.get('advice', {'reason': '', 'remedy': ''})
+        return f'{result["reason"]} → {result["remedy"]}'
 
     def lamp(self, name: str) -> str:
         """Return the colour of a lamp."""
-        return next((each[2] for each in self.parts.get('lamps', []) if each[0] == name), '')
+        return next((item[2] for item in self.parts.get('lamps', []) if item[0] == name), '')
 
     def point(self, kind: int, index: int) -> int | None:
         """Return the value of an input (1) or output (2), None if it is not shown."""
-        for each in self.parts.get('io', []):
-            place = index - each['start']
-            if each['type'] == kind and 0 <= place < len(each['values']):
-                found: int = each['values'][place]
-                return found
+        for item in self.parts.get('io', []):
+            place = index - item['start']
+            if item['type'] == kind and 0 <= place < len(item['values']):
+                result: int = item['values'][place]
+                return result
         return None
 
     def wait(self, true: Callable[[], object], what: str) -> None:
@@ -165,7 +165,8 @@ class PanelClient:
 
     def wait_for_notification(self, text: str) -> None:
         self.wait(
-            lambda: any(text in each for each in self.notifications), f'a notification {text!r}'
+            lambda: any(text in notification for notification in self.notifications),
+            f'a notification {text!r}',
         )
 
     # --- user actions -----------------------------------------------------------------------
@@ -224,7 +225,7 @@ class PanelClient:
             self._choose(self.parts['robots'])
 
     def _choose(self, robots: list[dict[str, str]]) -> None:
-        names = [each['name'] for each in robots if self._wanted in ('', each['label'])]
+        names = [item['name'] for item in robots if self._wanted in ('', item['label'])]
         if self.robot not in names and names:
             self.robot = names[0]
             self.ask('choose')

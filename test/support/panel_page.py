@@ -61,8 +61,8 @@ class Page:
         self.page.wait_for_selector('body:not(.armed)')
 
     def text(self, part: str) -> str:
-        found: str = self.page.locator(f'[data-part={part}]').first.inner_text()
-        return found
+        result: str = self.page.locator(f'[data-part={part}]').first.inner_text()
+        return result
 
     def wait(self, true: Callable[[], bool], what: str) -> None:
         until = time.monotonic() + PATIENCE
@@ -71,8 +71,8 @@ class Page:
             self.page.wait_for_timeout(100)
 
     def wait_for_text_of(self, place: str, text: str) -> None:
-        found = self.page.locator(place)
-        self.wait(lambda: text in found.inner_text(), f'{text!r} in {place}')
+        result = self.page.locator(place)
+        self.wait(lambda: text in result.inner_text(), f'{text!r} in {place}')
 
     def wait_for_text(self, part: str, text: str) -> None:
         self.wait(lambda: text in self.text(part), f'{text!r} in {part}: {self.text(part)}')

@@ -70,7 +70,9 @@ class ProgramHarness:
             motion_rejection=lambda: self.blocked,
             send_reply=lambda packet: self.sent.extend(encode(packet, Dialect())),
             trajectory_begins=lambda: self.began(),
-            clients=SimpleNamespace(dismiss=lambda port: self.events.append('hung up')),
+            clients=SimpleNamespace(
+                disconnect_after_flush=lambda port: self.events.append('hung up')
+            ),
         )
         self.program = MotionProgram(controller)
         take = self.arm.take
@@ -120,11 +122,11 @@ class ProgramHarness:
 
     def rest(self, most=60.0):
         """Step until the arm is at rest, and return the time needed, s."""
-        begin = self.clock.now
+        start = self.clock.now
         while self.arm.moving:
-            assert self.clock.now < begin + most
+            assert self.clock.now < start + most
             self.step(0.004)
-        return self.clock.now - begin
+        return self.clock.now - start
 
     def pause(self):
         self.program.pause()

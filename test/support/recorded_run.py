@@ -94,8 +94,8 @@ def nanoseconds(time: float) -> int:
 
 def position(time: float) -> np.ndarray:
     """Return the arm's position: from the first to the last point in MOVED s, rest to rest."""
-    share = np.clip((time - SENT - DEAD_TIME) / MOVED, 0.0, 1.0)
-    return POINTS[-1] * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
+    fraction = np.clip((time - SENT - DEAD_TIME) / MOVED, 0.0, 1.0)
+    return POINTS[-1] * (fraction - np.sin(2 * np.pi * fraction) / (2 * np.pi))
 
 
 def usual_run(seconds: float = 4.0, *, estop: float | None = None) -> Recorder:

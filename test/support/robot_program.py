@@ -79,8 +79,8 @@ class Move:
 
     def at(self, now: float) -> tuple[float, ...]:
         """Return the joints at a time, degrees."""
-        share = min((now - self.begins) / self.duration, 1.0) if self.duration > 0.0 else 1.0
-        return tuple(a + share * (b - a) for a, b in zip(self.start, self.end, strict=True))
+        fraction = min((now - self.begins) / self.duration, 1.0) if self.duration > 0.0 else 1.0
+        return tuple(a + fraction * (b - a) for a, b in zip(self.start, self.end, strict=True))
 
 
 class Rest:
@@ -203,7 +203,7 @@ class SimpleRobot(ScriptedHost):
             return round(first.values[index] * PULSES[index] * self.sign)
         if name == 'jrange':
             index = int(first) - 1  # type: ignore[arg-type]
-            ends = [each[index] * PULSES[index] * self.sign for each in (LOWEST, HIGHEST)]
+            ends = [item[index] * PULSES[index] * self.sign for item in (LOWEST, HIGHEST)]
             return round(sorted(ends)[int(arguments[1]) - 1])  # type: ignore[arg-type]
         if name == 'robotinfo':
             return 0x200 if self.move_now is not None else 0
@@ -303,15 +303,15 @@ class Client:
     def packets(self) -> list[Packet]:
         """Return the messages received since the last call."""
         self._framer.receive_data(self.raw())
-        found = []
+        result = []
         while (frame := self._framer.next_frame()) is not None:
-            found.append(decode(frame))
-        return found
+            result.append(decode(frame))
+        return result
 
     def replies(self) -> list[tuple[int, int]]:
         """Return sequence and reply code of the replies since the last call."""
-        found: list[Any] = self.packets()
-        return [(each.message.sequence, int(each.reply_code)) for each in found]
+        result: list[Any] = self.packets()
+        return [(item.message.sequence, int(item.reply_code)) for item in result]
 
     def leave(self) -> None:
         """Disconnect."""
@@ -419,13 +419,13 @@ def executed_lines() -> Iterator[dict[str, dict[int, bool]]]:
     """Collect by file and line whether the machines of this context have executed it."""
     global _machines
     _machines = []
-    found: dict[str, dict[int, bool]] = {}
+    result: dict[str, dict[int, bool]] = {}
     try:
-        yield found
+        yield result
     finally:
         for machine in _machines:
             for file, lines in machine.lines().items():
-                merged = found.setdefault(file, {})
+                merged = result.setdefault(file, {})
                 for number, executed in lines.items():
                     merged[number] = merged.get(number, False) or executed
         _machines = None

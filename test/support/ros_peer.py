@@ -327,10 +327,10 @@ class RosPeer:
 
         Time stamps count, not messages: a controller that was not scheduled sends a burst.
         """
-        begin = len(self.joint_states)
+        start = len(self.joint_states)
 
         def still() -> bool:
-            states = self.joint_states[begin:]
+            states = self.joint_states[start:]
             if not states or self.robot_status[-1].in_motion.val != 0:
                 return False
             until = stamp(states[-1]) - seconds

@@ -341,11 +341,11 @@ def sampled_extrema(run: Run) -> Extrema:
     """
     q = np.concatenate([[run.start] * 3, run.positions])
     limits, dt = run.limits, run.dt
-    found = Extrema()
+    result = Extrema()
     for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), 1):
         name = ('velocity', 'acceleration', 'jerk')[order - 1]
         rounding = ROUNDING * 2.0**order * np.spacing(np.max(np.abs(q)))
-        found.add(
+        result.add(
             **{
                 name: float(
                     np.max((np.abs(np.diff(q, order, axis=0)) - rounding) / dt**order / bound)
@@ -353,13 +353,13 @@ def sampled_extrema(run: Run) -> Extrema:
             }
         )
     a = np.array(run.accelerations)
-    found.add(
+    result.add(
         velocity=float(np.max(np.abs(run.velocities) / limits.velocity)),
         acceleration=float(np.max(np.abs(a) / limits.acceleration)),
         jerk=float(np.max(np.abs(np.diff(a, axis=0, prepend=0.0 * a[:1])) / dt / limits.jerk)),
         outside=float(np.max(np.maximum(q - limits.position_max, limits.position_min - q))),
     )
-    return found
+    return result
 
 
 def assert_within_all_limits(seed: int, dt: float) -> None:

@@ -15,8 +15,8 @@ from epson_driver.spel import (
     Memory,
     MotionRequest,
     NetSettings,
+    ProgramEnvironment,
     SpelError,
-    Surroundings,
     TaskError,
     Timing,
     Value,
@@ -104,7 +104,7 @@ class ScriptedHost:
     def close_net(self, port: int) -> None:
         self.peers.pop(port, None)
 
-    def orphan_net(self, _port: int) -> None:
+    def release_owner(self, _port: int) -> None:
         pass
 
     def connected(self, port: int) -> bool:
@@ -128,11 +128,11 @@ class ScriptedHost:
         if index < 0:
             raise SpelError(ErrorNumber.ARGUMENT)
         bits = self.bits[memory]
-        return sum(bits.get(index * width + each, 0) << each for each in range(width))
+        return sum(bits.get(index * width + item, 0) << item for item in range(width))
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        for each in range(width):
-            self.bits[memory][index * width + each] = value >> each & 1
+        for item in range(width):
+            self.bits[memory][index * width + item] = value >> item & 1
 
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         if name in ('here', 'curpos', 'realpos', 'findpos', 'tlset'):
@@ -158,7 +158,7 @@ class ScriptedHost:
             self.motors = 'on' in words
         elif name == 'power':
             self.power = 'high' in words
-        numbers = [float(each) for each in arguments if isinstance(each, int | float)]
+        numbers = [float(argument) for argument in arguments if isinstance(argument, int | float)]
         self.settings[name] = tuple(numbers) if name != 'cp' else (float('on' in words),)
         if self.slow:
             self.running.append(Motion())
@@ -195,11 +195,11 @@ class ScriptedHost:
 SCARA = Bench('t3_401s', 'simulated')
 
 
-def on_controller(source: str, around: Surroundings | None = None) -> TestResult:
+def on_controller(source: str, around: ProgramEnvironment | None = None) -> TestResult:
     """Run main on a simulated controller, for 60 s at most."""
     program = build({'main.prg': source})
     main = program.by_name['main']
-    return run_function(program, main, SCARA, around or Surroundings(), longest=60.0)
+    return run_function(program, main, SCARA, around or ProgramEnvironment(), longest=60.0)
 
 
 def files(source: str, **others: str) -> dict[str, str]:

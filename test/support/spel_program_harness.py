@@ -74,8 +74,8 @@ class SpelProgramHarness:
     @property
     def printed(self):
         """Return the printed lines without time and task."""
-        found = (re.search(r' s task \d+ \w+: (.*)', each) for each in self.caplog.messages)
-        return [each[1] for each in found if each]
+        result = (re.search(r' s task \d+ \w+: (.*)', message) for message in self.caplog.messages)
+        return [item[1] for item in result if item]
 
     def client(self, port):
         """Connect, and return the connection and its peer."""

@@ -56,7 +56,7 @@ def listings() -> dict[str, list[str]] | None:
 
 def repaired(lines: Sequence[str], repairs: Counter[str]) -> str:
     """Return a listing as a program. `repairs` counts the repairs."""
-    found: list[str] = []
+    result: list[str] = []
     for line in lines:
         text = line.strip()
         if text.startswith(FENCE) or not text:
@@ -64,16 +64,16 @@ def repaired(lines: Sequence[str], repairs: Counter[str]) -> str:
         if text.lower() in INVENTED_ENDS:
             repairs['ends of blocks at the end of a page'] += 1
             for expected in reversed(INVENTED_ENDS[text.lower()]):
-                end = found.pop()
+                end = result.pop()
                 assert end.lower() == expected, end
         elif BARE_COMMENT.match(text):
             repairs['comments without their mark'] += 1
-        elif found and _is_continued(found[-1], text):
+        elif result and _is_continued(result[-1], text):
             repairs['lines that were wrapped'] += 1
-            found[-1] += ' ' + text
+            result[-1] += ' ' + text
         else:
-            found.append(text)
-    return '\n'.join(found) + '\n'
+            result.append(text)
+    return '\n'.join(result) + '\n'
 
 
 def _is_continued(before: str, text: str) -> bool:
@@ -116,7 +116,7 @@ def call_library(_host: object, _library: str, name: str, arguments: Sequence[ob
 
     ConvertToFloatingpoint takes velocity and duration by value in C, so they stay unchanged.
     """
-    given: list[Any] = [getattr(each, 'd', each) for each in arguments]
+    given: list[Any] = [getattr(argument, 'd', argument) for argument in arguments]
     if name.lower() == 'jointpositionsmtoints':
         *numbers, out = given
         data = struct.pack('<5i10f', *numbers)

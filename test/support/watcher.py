@@ -85,11 +85,11 @@ class Watcher:
 
     def until_at_rest(self) -> None:
         """Wait until AT_REST new consecutive messages show no motion."""
-        begin = len(self.seen)
+        start = len(self.seen)
         end = time.monotonic() + PATIENCE
         while True:
-            newest = self.seen[max(begin, len(self._seen) - AT_REST) :]
-            if len(newest) == AT_REST and not any(any(each.velocities) for each in newest):
+            newest = self.seen[max(start, len(self._seen) - AT_REST) :]
+            if len(newest) == AT_REST and not any(any(item.velocities) for item in newest):
                 return
             assert time.monotonic() < end, 'it moves'
             with self._changed:
@@ -105,8 +105,8 @@ class Watcher:
     def changes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return steps of time (s), velocities and their changes, one row per message."""
         seen = self.seen
-        times = np.array([each.time for each in seen])
-        velocities = np.array([each.velocities[: len(START)] for each in seen])
+        times = np.array([item.time for item in seen])
+        velocities = np.array([item.velocities[: len(START)] for item in seen])
         return np.diff(times), velocities, np.diff(velocities, axis=0)
 
     def assert_within_limits(self) -> None:

@@ -63,10 +63,10 @@ def test_joint_move_line_and_arc_are_executed_with_feedback(cell: Cell) -> None:
     places = np.array([ARM.forward(np.array(state.position))[:3, 3] for state in states])
     home = ARM.forward(np.array(READY))[:3, 3]
     end = int(np.argmax(places[:, 1]))  # of the line and start of the arc
-    begin = int(np.argmin(np.linalg.norm(places[:end] - home, axis=1)))
+    start = int(np.argmin(np.linalg.norm(places[:end] - home, axis=1)))
     line = np.array([home, home + np.array([0.0, 0.08, 0.0])])
     assert places[end] == pytest.approx(line[1], abs=1e-3)
-    assert max(distance_from(place, line) for place in places[begin : end + 1]) < ACCURACY_M
+    assert max(distance_from(place, line) for place in places[start : end + 1]) < ACCURACY_M
 
 
 def with_blend(motion: MotionPrimitive, radius: float) -> MotionPrimitive:

@@ -105,11 +105,11 @@ def check_executables(lib: Path, workspace: Path | None) -> None:
 
 @pytest.mark.slow
 def test_colcon_build_installs_a_ros_package(colcon_install: Path) -> None:
-    share = colcon_install / 'share'
-    assert (share / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
-    assert (share / 'epson_driver' / 'package.xml').is_file()
-    assert (share / 'epson_driver' / 'config' / 'robots' / 'c3.yaml').is_file()
-    assert (share / 'epson_driver' / 'config' / 'errors' / 'epson.yaml').is_file()
+    fraction = colcon_install / 'share'
+    assert (fraction / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
+    assert (fraction / 'epson_driver' / 'package.xml').is_file()
+    assert (fraction / 'epson_driver' / 'config' / 'robots' / 'c3.yaml').is_file()
+    assert (fraction / 'epson_driver' / 'config' / 'errors' / 'epson.yaml').is_file()
     lib = colcon_install / 'lib' / 'epson_driver'
     for name in EXECUTABLES:
         assert os.access(lib / name, os.X_OK)
@@ -118,13 +118,13 @@ def test_colcon_build_installs_a_ros_package(colcon_install: Path) -> None:
 
 
 def test_launch_files_work_in_the_colcon_install(colcon_install: Path) -> None:
-    share = colcon_install / 'share' / 'epson_driver'
+    fraction = colcon_install / 'share' / 'epson_driver'
     (packages,) = colcon_install.glob('lib/python3*/site-packages')
     code = (
         'import sys; from pathlib import Path; from support.launch_files import launched\n'
         'print(*[word for each in launched(Path(sys.argv[1])) for word in each.arguments])'
     )
-    path = share / 'launch' / 'moveit_planning_execution.launch.py'
+    path = fraction / 'launch' / 'moveit_planning_execution.launch.py'
     folders = [str(packages), str(ROOT / 'test')]
     run = subprocess.run(
         [sys.executable, '-c', code, str(path)],
@@ -135,7 +135,7 @@ def test_launch_files_work_in_the_colcon_install(colcon_install: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    assert str(share / 'config' / 'rviz' / 'moveit.rviz') in run.stdout.split()
+    assert str(fraction / 'config' / 'rviz' / 'moveit.rviz') in run.stdout.split()
 
 
 def listed(*folders: Path) -> list[str]:

@@ -84,11 +84,11 @@ class MoveItServo:
             self.window.popleft()
         if len(self.window) < 4:
             return None
-        begin = self.window[0][0]
+        start = self.window[0][0]
         message = JointTrajectory(joint_names=self.names)
-        message.header.stamp = Time(sec=int(begin), nanosec=int(begin % 1.0 * 1e9))
+        message.header.stamp = Time(sec=int(start), nanosec=int(start % 1.0 * 1e9))
         for moment, positions, velocities in list(self.window)[:-1]:
-            nanoseconds = round((moment - begin) * 1e9)
+            nanoseconds = round((moment - start) * 1e9)
             message.points.append(
                 JointTrajectoryPoint(
                     positions=positions,
@@ -127,18 +127,18 @@ def test_moveit_servo_windows_are_followed(servo_cell: Cell, rate: float) -> Non
     servo = MoveItServo()
     jitter = np.random.default_rng(1)
     before = int(values(servo_cell)['setpoints received'])
-    begin = peer.position()
-    distance = TRAVEL if begin[0] < 0.2 else -TRAVEL
+    start = peer.position()
+    distance = TRAVEL if start[0] < 0.2 else -TRAVEL
     started = time.time()
-    while abs(peer.joint_states[-1].position[0] - begin[0] - distance) > ARRIVING:
+    while abs(peer.joint_states[-1].position[0] - start[0] - distance) > ARRIVING:
         elapsed = time.time() - started
         assert elapsed < PATIENCE, 'the arm does not arrive'
-        positions, velocity = reference(begin, elapsed, distance)
+        positions, velocity = reference(start, elapsed, distance)
         message = servo.cycle(time.time(), positions, [velocity] + [0.0] * 5)
         if message is not None:
             publisher.publish(message)
         time.sleep((0.8 + 0.4 * jitter.random()) / rate)
-    np.testing.assert_allclose(rest(servo_cell)[0], begin[0] + distance, atol=1e-3)
+    np.testing.assert_allclose(rest(servo_cell)[0], start[0] + distance, atol=1e-3)
     assert int(values(servo_cell)['setpoints received']) > before
     go_home(servo_cell)
 
@@ -159,12 +159,12 @@ def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None
     publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
     peer.wait_for(publisher.get_subscription_count, '~/servo')
     servo, received = MoveItServo(), int(values(cell)['setpoints received'])
-    begin, first = peer.position(), len(peer.joint_states)
-    distance = TRAVEL if begin[0] < 0.2 else -TRAVEL
+    start, first = peer.position(), len(peer.joint_states)
+    distance = TRAVEL if start[0] < 0.2 else -TRAVEL
     started = time.time()
     while (elapsed := time.time() - started) < 6.0:
         added = step_to(STEPS[int(elapsed / 0.3) % len(STEPS)])
-        positions, velocity = reference(begin, elapsed % 3.0, distance)
+        positions, velocity = reference(start, elapsed % 3.0, distance)
         message = servo.cycle(time.time(), positions, [velocity] + [0.0] * 5)
         if message is not None:
             stamp = message.header.stamp
@@ -178,9 +178,9 @@ def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None
     assert after['arm gate'] == 'open'
     assert int(after['setpoints received']) > received
     assert (
-        min(begin[0], begin[0] + distance) - 0.05
+        min(start[0], start[0] + distance) - 0.05
         < there[0]
-        < max(begin[0], begin[0] + distance) + 0.05
+        < max(start[0], start[0] + distance) + 0.05
     )
     fastest = max(abs(state.velocity[0]) for state in peer.joint_states[first:])
     assert fastest < 0.27 * FASTEST  # servo.scale is 0.25
@@ -229,14 +229,14 @@ def test_every_topic_moves_the_arm_until_its_messages_end(servo_cell: Cell, topi
     kind, message_at = MESSAGES[topic]
     publisher = peer.node.create_publisher(kind, f'epson_driver/{topic}', 10)
     peer.wait_for(publisher.get_subscription_count, topic)
-    begin = peer.position()
+    start = peer.position()
     started = time.time()
     while time.time() < started + PATIENCE:
-        publisher.publish(message_at(reference(begin, time.time() - started)))
-        if peer.joint_states[-1].position[0] > begin[0] + 0.2:
+        publisher.publish(message_at(reference(start, time.time() - started)))
+        if peer.joint_states[-1].position[0] > start[0] + 0.2:
             break
         time.sleep(0.02)
-    assert begin[0] + 0.2 < rest(servo_cell)[0]
+    assert start[0] + 0.2 < rest(servo_cell)[0]
     go_home(servo_cell)
 
 
@@ -299,12 +299,12 @@ def press(publishers: Publishers, peer: Any) -> int:
 
     After a stall, the driver cannot know whether the key was released for a second before.
     """
-    begin = peer.position()[0]
+    start = peer.position()[0]
     for again in range(20):
-        publishers.hold(SPEED if begin < 0.5 else -SPEED)
+        publishers.hold(SPEED if start < 0.5 else -SPEED)
         until = time.monotonic() + 5.0
         while time.monotonic() < until:
-            if abs(peer.joint_states[-1].position[0] - begin) > 0.02:
+            if abs(peer.joint_states[-1].position[0] - start) > 0.02:
                 return again
             time.sleep(0.005)
         publishers.release()

@@ -90,9 +90,9 @@ def names_of(peer: RosPeer, robot: str) -> set[tuple[str, str]]:
 def test_each_robot_has_its_full_set_of_names(fleet: Fleet) -> None:
     sets = []
     for robot, peer in fleet.peers.items():
-        found = names_of(peer, robot)
-        assert {name for _, name in found if not name.startswith(f'/{robot}/')} <= ABSOLUTE
-        sets.append({(kind, name.removeprefix(f'/{robot}')) for kind, name in found})
+        result = names_of(peer, robot)
+        assert {name for _, name in result if not name.startswith(f'/{robot}/')} <= ABSOLUTE
+        sets.append({(kind, name.removeprefix(f'/{robot}')) for kind, name in result})
     assert sets[0] == sets[1] == sets[2]
     assert {
         ('publisher', '/joint_states'),
@@ -122,13 +122,13 @@ def test_diagnostics_name_the_robot(fleet: Fleet) -> None:
         for part in ('state link', 'motion link', 'io link', 'arm')
     }
 
-    def found() -> dict[str, Any]:
+    def result() -> dict[str, Any]:
         return {status.name: status for array in peer.diagnostics for status in array.status}
 
-    peer.wait_for(lambda: wanted <= set(found()), 'diagnostics of all')
-    assert set(found()) == wanted
+    peer.wait_for(lambda: wanted <= set(result()), 'diagnostics of all')
+    assert set(result()) == wanted
     for robot in NAMES:
-        link = found()[f'{robot}/epson_driver: state link']
+        link = result()[f'{robot}/epson_driver: state link']
         assert link.hardware_id == f'127.0.0.1:{fleet.ports[robot].state}'
 
 
@@ -207,11 +207,11 @@ def test_parameter_change_affects_one_robot(fleet: Fleet) -> None:
 def test_log_names_the_robot(fleet: Fleet) -> None:
     for name in NAMES:
         port = fleet.ports[name].motion
-        said = (
+        message = (
             f'[{name}.epson_driver]: motion link connected: 127.0.0.1:{port}, '
             'configured as simulated, c3_a601s'
         )
-        assert said in fleet.log_text()
+        assert message in fleet.log_text()
 
 
 @pytest.mark.parametrize('shape', EACH_SHAPE)

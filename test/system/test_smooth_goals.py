@@ -10,7 +10,7 @@ import pytest
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import trajectory
 
-from epson_driver.motion.passages import passages
+from epson_driver.motion.closest_samples import closest_sample_indices
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory
 
@@ -83,7 +83,7 @@ def test_plan_without_times_becomes_a_time_optimal_motion(make_cell: Any) -> Non
     assert np.abs(peer.assert_still() - POINTS[-1]).max() < 1e-6
     states = peer.joint_states[first:]
     path = np.array([state.position for state in states])
-    nearest = passages(np.array(POINTS), path)
+    nearest = closest_sample_indices(np.array(POINTS), path)
     # straight moves between points deviate by a · 0.05² / 8, with a up to 100 rad/s²
     assert np.abs(path[nearest] - POINTS).max() < 0.04
     desired = [state.reference.time_from_start for state in peer.controller_states]

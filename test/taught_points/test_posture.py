@@ -19,8 +19,8 @@ DOWN = [0.0, 0.0, 0.0, 0.0, -90.0, 0.0]
 
 
 def flags(model, degrees):
-    found = posture(load_robot_model(model), np.radians(degrees))
-    return ''.join(str(value) for value in found.values())
+    result = posture(load_robot_model(model), np.radians(degrees))
+    return ''.join(str(value) for value in result.values())
 
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'c4_a901s', 'c8_a701s', 'c12_c1401s', 'vt6_a901s'])

@@ -38,11 +38,13 @@ def test_curve_is_exact_for_cubics_and_interpolates_samples():
     shares = np.linspace(0.0, 1.0, 8)[:, None]
     samples = np.hstack([shares**3 - 2.0 * shares, 1.0 - shares**2])
     curve = Curve(samples)
-    for share in (0.0, 0.1, 0.37, 0.5, 0.99, 1.0):
-        position, slope, bend = curve.at(share)
-        assert position == pytest.approx([share**3 - 2.0 * share, 1.0 - share**2], abs=1e-12)
-        assert slope == pytest.approx([3.0 * share**2 - 2.0, -2.0 * share], abs=1e-10)
-        assert bend == pytest.approx([6.0 * share, -2.0], abs=1e-9)
+    for fraction in (0.0, 0.1, 0.37, 0.5, 0.99, 1.0):
+        position, slope, bend = curve.at(fraction)
+        assert position == pytest.approx(
+            [fraction**3 - 2.0 * fraction, 1.0 - fraction**2], abs=1e-12
+        )
+        assert slope == pytest.approx([3.0 * fraction**2 - 2.0, -2.0 * fraction], abs=1e-10)
+        assert bend == pytest.approx([6.0 * fraction, -2.0], abs=1e-9)
     wave = waved(1)
     through = Curve(wave)
     for number, sample in enumerate(wave):
@@ -64,15 +66,15 @@ def test_inv2_motion_and_stop_respect_limits_and_curve(seed, when):
     assert stop.duration <= motion.duration - stopping + 1e-6
     assert stop.at(0.0)[0] == pytest.approx(motion.at(stopping)[0], abs=1e-9)
     assert stop.at(stop.duration)[0] == pytest.approx(stop.end, abs=1e-9)
-    for each in (motion, stop):
-        times = np.linspace(0.0, each.duration, 400)
-        states = [each.at(time) for time in times.tolist()]
+    for item in (motion, stop):
+        times = np.linspace(0.0, item.duration, 400)
+        states = [item.at(time) for time in times.tolist()]
         velocities = np.array([velocity for _, velocity, _ in states])
         accelerations = np.array([acceleration for *_, acceleration in states])
         assert np.all(np.abs(velocities) <= LIMITS.velocity * (1.0 + 1e-6))
         assert np.all(np.abs(accelerations) <= LIMITS.acceleration * (1.0 + 1e-6))
         assert np.abs(velocities[-1]).max() < 1e-9
-        if each.duration > 1e-3:
+        if item.duration > 1e-3:
             jerks = np.diff(accelerations, axis=0) / np.diff(times)[:, None]
             assert np.all(np.abs(jerks) <= LIMITS.jerk * (1.0 + 1e-3))
             moved = np.gradient(np.array([position for position, *_ in states]), times, axis=0)

@@ -17,7 +17,7 @@ from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.urdf import urdf
 from epson_driver.tool_motion.joint_path import PathError
 from epson_driver.tool_motion.pose_path import arc, line, runs
-from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_along_runs
 
 pinocchio = pytest.importorskip('pinocchio')
 
@@ -86,25 +86,25 @@ class Oracle:
         """
         first, last = self.pose(start), pinocchio.SE3(end)
         turn = pinocchio.log3(first.rotation.T @ last.rotation)
-        share, step, joints = 0.0, 0.01, start
-        while share < 1.0:
-            there = min(share + step, 1.0)
+        fraction, step, joints = 0.0, 0.01, start
+        while fraction < 1.0:
+            there = min(fraction + step, 1.0)
             wanted = pinocchio.SE3(
                 first.rotation @ pinocchio.exp3(there * turn),
                 place(there),
             )
-            found = self.near(wanted, joints)
-            if found is None or np.abs(found - joints).max() > STEP_RAD:
+            result = self.near(wanted, joints)
+            if result is None or np.abs(result - joints).max() > STEP_RAD:
                 if step < SMALLEST_STEP:
-                    return Followed(share, joints, edge=False)
+                    return Followed(fraction, joints, edge=False)
                 step /= 2.0
                 continue
             beyond = np.maximum(
-                self.limits.position_min - found, found - self.limits.position_max
+                self.limits.position_min - result, result - self.limits.position_max
             ).max()
             if beyond > 0.0:
-                return Followed(share, joints, edge=beyond < NEARLY and there == 1.0)
-            share, step, joints = there, min(2.0 * step, 0.01), found
+                return Followed(fraction, joints, edge=beyond < NEARLY and there == 1.0)
+            fraction, step, joints = there, min(2.0 * step, 0.01), result
         return Followed(1.0, joints, edge=False)
 
 
@@ -125,18 +125,18 @@ def between(trajectory, start, count):
     times = np.array([0.0, *trajectory.times])
     positions = np.vstack([start, trajectory.positions])
     velocities = np.vstack([0.0 * start, trajectory.velocities])
-    share = np.linspace(0.0, 1.0, count)[:, None]
-    found = []
+    fraction = np.linspace(0.0, 1.0, count)[:, None]
+    result = []
     for index, dt in enumerate(np.diff(times)):
         p, q = positions[index : index + 2]
         v, w = dt * velocities[index : index + 2]
-        found.append(
+        result.append(
             p
-            + share * v
-            + share**2 * (3.0 * (q - p) - 2.0 * v - w)
-            + share**3 * (2.0 * (p - q) + v + w)
+            + fraction * v
+            + fraction**2 * (3.0 * (q - p) - 2.0 * v - w)
+            + fraction**3 * (2.0 * (p - q) + v + w)
         )
-    return np.vstack(found)
+    return np.vstack(result)
 
 
 def straight(first, last):
@@ -206,9 +206,9 @@ def turns_evenly(oracle, start, end, trajectory):
     whole = pinocchio.log3(first.T @ end[:3, :3])
     for joints in between(trajectory, start, 3):
         turn = pinocchio.log3(first.T @ oracle.pose(joints).rotation)
-        share = turn @ whole / max(whole @ whole, 1e-18)
-        assert np.linalg.norm(turn - share * whole) < NOT_TURNED_RAD
-        assert -1e-3 < share < 1.001
+        fraction = turn @ whole / max(whole @ whole, 1e-18)
+        assert np.linalg.norm(turn - fraction * whole) < NOT_TURNED_RAD
+        assert -1e-3 < fraction < 1.001
 
 
 TOOL = ToolLimits(0.1, 1.0, 1.0, 10.0, ACCURACY_M, slow=True, jerk_ratio=10.0)
@@ -236,7 +236,7 @@ def test_only_infeasible_paths_are_refused(model, kind, count):
             path, place, off = arc(begin, via, end), circle.place, circle.away
         followed = oracle.follow(start, end, place)
         try:
-            trajectory = runs_trajectory(arm, start, runs([path], []), TOOL)
+            trajectory = trajectory_along_runs(arm, start, runs([path], []), TOOL)
         except PathError as error:
             if followed.share == 1.0:
                 wrong.append(f'{start.tolist()} to {end.tolist()} is refused: {error}')
@@ -264,13 +264,13 @@ def test_corners_are_cut_only_within_their_blend(model):
         start, corner = asked(arm, random)
         end = corner.copy()
         end[:3, 3] += random.normal(size=3) * 0.05
-        begin = arm.forward(start)
-        three = np.array([begin[:3, 3], corner[:3, 3], end[:3, 3]])
+        first = arm.forward(start)
+        three = np.array([first[:3, 3], corner[:3, 3], end[:3, 3]])
         if np.linalg.norm(np.diff(three, axis=0), axis=1).min() < BLEND_M:
             continue
-        way = [line(begin, corner), line(corner, end)]
+        way = [line(first, corner), line(corner, end)]
         try:
-            trajectory = runs_trajectory(arm, start, runs(way, [BLEND_M]), TOOL)
+            trajectory = trajectory_along_runs(arm, start, runs(way, [BLEND_M]), TOOL)
         except PathError:
             continue
         driven += 1

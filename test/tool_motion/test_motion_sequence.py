@@ -16,7 +16,7 @@ from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.tool_motion import path_timing
 from epson_driver.tool_motion.motion_sequence import Kind, Primitive, SequenceError, plan_sequence
-from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_along_runs
 
 ARM = Kinematics(load_robot_model('c3_a601s'))
 LIMITS = ARM.model.limits
@@ -65,7 +65,7 @@ def test_index_counts_the_finished_motions():
     planned = plan_sequence(ARM, READY, [to_joints(), to_joints(READY), to_joints()])
     first, second, _ = planned.ends / planned.ends[-1]
     expected = {0.0: 0, 0.9 * first: 0, 1.1 * first: 1, 1.01 * second: 2, 0.99: 2, 1.0: 2}
-    assert {share: planned.index(share) for share in expected} == expected
+    assert {fraction: planned.index(fraction) for fraction in expected} == expected
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def path(**more):
         to_pose(step, blend_radius=radius, **more)
         for step, radius in zip(STEPS, RADII, strict=True)
     ]
-    points = [PathPoint(Target(each.target), None, each.blend_radius) for each in lines]
+    points = [PathPoint(Target(line.target), None, line.blend_radius) for line in lines]
     return lines, points
 
 
@@ -226,27 +226,27 @@ def test_blended_lines_equal_waypoints_with_blends():
     lines, points = path(velocity=0.2)
     planned = plan_sequence(ARM, READY, lines)
     runs = path_runs(points, ARM.forward(READY))
-    expected = runs_trajectory(ARM, READY, runs, ToolLimits(speed=0.2))
+    expected = trajectory_along_runs(ARM, READY, runs, ToolLimits(speed=0.2))
     assert np.array_equal(planned.trajectory.times, expected.times)
     assert np.array_equal(planned.trajectory.positions, expected.positions)
     assert np.array_equal(planned.trajectory.velocities, expected.velocities)
-    resting = plan_sequence(ARM, READY, [replace(each, blend_radius=0.0) for each in lines])
+    resting = plan_sequence(ARM, READY, [replace(line, blend_radius=0.0) for line in lines])
     assert planned.trajectory.duration < 0.8 * resting.trajectory.duration
 
 
 def test_blended_line_has_its_velocity_and_ends_at_its_corner():
     lines, _ = path()
     speeds = [0.05, 0.1, 0.08]
-    lines = [replace(each, velocity=speed) for each, speed in zip(lines, speeds, strict=True)]
+    lines = [replace(item, velocity=speed) for item, speed in zip(lines, speeds, strict=True)]
     planned = plan_sequence(ARM, READY, lines)
     motion = smoothed(planned.trajectory, LIMITS)
     places = np.array([ARM.forward(row)[:3, 3] for row in motion.positions])
     seen = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
-    for index, (begin, end) in enumerate(pairwise([0.0, *planned.ends])):
-        during = (motion.times[1:] > begin + 0.02) & (motion.times[1:] < end - 0.02)
+    for index, (start, end) in enumerate(pairwise([0.0, *planned.ends])):
+        during = (motion.times[1:] > start + 0.02) & (motion.times[1:] < end - 0.02)
         assert seen[during].max() == pytest.approx(speeds[index], rel=0.05)
-        share = (begin + end) / 2.0 / planned.trajectory.duration
-        assert planned.index(share) == index
+        fraction = (start + end) / 2.0 / planned.trajectory.duration
+        assert planned.index(fraction) == index
     for end, line, radius in zip(planned.ends[:-1], lines, RADII, strict=False):
         place = places[np.searchsorted(motion.times, end)]
         corner = line.target[:3, 3]
@@ -260,7 +260,7 @@ BEHIND = CORNER + np.array([-0.1, 0.3, 0.2, 0.4, 0.0, -0.8])
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize(
-    'radius', [0.02, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.002, 0.1))]
+    'radius', [0.02, *(pytest.param(item, marks=pytest.mark.slow) for item in (0.002, 0.1))]
 )
 @pytest.mark.parametrize('arguments', [{}, {'velocity': 0.5, 'acceleration': 2.0}])
 def test_blended_joint_moves_respect_radius_and_limits(radius, arguments):
@@ -278,11 +278,11 @@ def test_blended_joint_moves_respect_radius_and_limits(radius, arguments):
     if arguments:
         assert np.abs(motion.velocities).max() <= 0.5 * 1.01
     corner = ARM.forward(CORNER)[:3, 3]
-    away = [np.linalg.norm(ARM.forward(each)[:3, 3] - corner) for each in motion.positions]
+    away = [np.linalg.norm(ARM.forward(position)[:3, 3] - corner) for position in motion.positions]
     assert 0.0 < min(away) < radius
     for index, (at, place) in enumerate(zip(motion.positions, away, strict=True)):
         if place > radius * 1.05:  # straight in joint space there
-            begin, end = (
+            start, end = (
                 (READY, CORNER)
                 if motion.times[index] < planned.ends[0]
                 else (
@@ -290,8 +290,8 @@ def test_blended_joint_moves_respect_radius_and_limits(radius, arguments):
                     BEHIND,
                 )
             )
-            share = (at - begin) @ (end - begin) / ((end - begin) @ (end - begin))
-            assert np.abs(at - begin - share * (end - begin)).max() < 0.1 * radius
+            fraction = (at - start) @ (end - start) / ((end - start) @ (end - start))
+            assert np.abs(at - start - fraction * (end - start)).max() < 0.1 * radius
     resting = plan_sequence(ARM, READY, [replace(moves[0], blend_radius=0.0), moves[1]])
     if radius > 0.01:  # a tighter blend at full speed is not faster than a rest
         assert trajectory.duration < resting.trajectory.duration
@@ -325,10 +325,12 @@ def test_random_joint_blends_respect_limits_or_are_refused(count):
         assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * (1.0 + 1e-6))
         for target, radius in zip(targets[:-1], radii, strict=True):
             corner = ARM.forward(target)[:3, 3]
-            places = (ARM.forward(each)[:3, 3] for each in motion.positions)
+            places = (ARM.forward(position)[:3, 3] for position in motion.positions)
             assert min(np.linalg.norm(place - corner) for place in places) < radius
     assert count < 10 or driven >= count / 2
-    assert all('longer than the largest distance' in each or 'overlap' in each for each in reasons)
+    assert all(
+        'longer than the largest distance' in reason or 'overlap' in reason for reason in reasons
+    )
 
 
 def test_blend_of_the_last_motion_is_refused():

@@ -44,9 +44,9 @@ def test_derivatives_match_the_poses(segments):
     (run,) = runs(segments, [0.03])
     step = 1e-4
     for part in run.parts:
-        for share in (0.2, 0.5, 0.7):
-            first, second, third = part.derivatives(share)[:, :3]
-            places = [part.pose(share + k * step)[:3, 3] for k in (-2, -1, 0, 1, 2)]
+        for fraction in (0.2, 0.5, 0.7):
+            first, second, third = part.derivatives(fraction)[:, :3]
+            places = [part.pose(fraction + k * step)[:3, 3] for k in (-2, -1, 0, 1, 2)]
             assert np.allclose((places[3] - places[1]) / (2 * step), first, atol=1e-6)
             assert np.allclose(
                 (places[3] - 2 * places[2] + places[1]) / step**2, second, atol=1e-5
@@ -60,12 +60,12 @@ def test_blend_is_within_its_radius_and_path_speed(radius):
     (run,) = runs(SEGMENTS['line, line'], [radius])
     corner = CORNER[:3, 3]
     blend = run.parts[1]
-    places = np.array([blend.pose(share)[:3, 3] for share in np.linspace(0, 1, 200)])
+    places = np.array([blend.pose(fraction)[:3, 3] for fraction in np.linspace(0, 1, 200)])
     away = np.linalg.norm(places - corner, axis=1)
     assert away.max() <= radius * (1 + 1e-9)
     assert 0.1 * radius < away.min() < radius
-    for share in np.linspace(0.0, 1.0, 50):
-        assert np.linalg.norm(blend.derivatives(share)[0, :3]) <= blend.length * (1 + 1e-9)
+    for fraction in np.linspace(0.0, 1.0, 50):
+        assert np.linalg.norm(blend.derivatives(fraction)[0, :3]) <= blend.length * (1 + 1e-9)
     # the path outside the blend equals the segments
     assert run.seams[-1] == pytest.approx(0.2 + SEGMENTS['line, line'][1].length)
 
@@ -108,5 +108,5 @@ def test_segment_without_motion_is_refused():
 
 def test_pure_rotation_is_a_separate_run():
     turned = pose(0.2, 0.0, 0.0, turn=(0.0, 0.4, 0.5))
-    found = runs([line(START, CORNER), line(CORNER, turned)], [0.0])
-    assert found[1].seams[-1] == pytest.approx(found[1].parts[0].angle)
+    result = runs([line(START, CORNER), line(CORNER, turned)], [0.0])
+    assert result[1].seams[-1] == pytest.approx(result[1].parts[0].angle)

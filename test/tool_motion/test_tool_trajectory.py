@@ -16,7 +16,7 @@ from epson_driver.tool_motion import path_timing
 from epson_driver.tool_motion.joint_path import PathError
 from epson_driver.tool_motion.pose_path import BlendError, arc, distance_from, line, runs
 from epson_driver.tool_motion.tool_pose import rotation
-from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_along_runs
 
 ARM = Kinematics(load_robot_model('c3_a601s'))
 LIMITS = ARM.model.limits
@@ -33,7 +33,7 @@ def moved(pose, xyz=(0.0, 0.0, 0.0), uvw=(0.0, 0.0, 0.0)):
 
 def on_path(kinematics, start, path, tool):
     """Return the joint trajectory along one line or arc."""
-    return runs_trajectory(kinematics, start, runs([path], []), tool)
+    return trajectory_along_runs(kinematics, start, runs([path], []), tool)
 
 
 def turned_by(first, second):
@@ -49,11 +49,11 @@ def test_line_is_uniform_in_position_and_orientation():
     assert np.allclose(path.pose(0.0), start)
     assert np.allclose(path.pose(1.0), end)
     assert path.length == pytest.approx(np.linalg.norm([0.05, 0.1, 0.02]))
-    for share in (0.25, 0.5, 0.9):
-        pose = path.pose(share)
-        assert np.allclose(pose[:3, 3], start[:3, 3] + share * np.array([0.05, -0.1, 0.02]))
-        assert turned_by(start, pose) == pytest.approx(share * path.angle, abs=1e-7)
-        assert turned_by(pose, end) == pytest.approx((1.0 - share) * path.angle, abs=1e-7)
+    for fraction in (0.25, 0.5, 0.9):
+        pose = path.pose(fraction)
+        assert np.allclose(pose[:3, 3], start[:3, 3] + fraction * np.array([0.05, -0.1, 0.02]))
+        assert turned_by(start, pose) == pytest.approx(fraction * path.angle, abs=1e-7)
+        assert turned_by(pose, end) == pytest.approx((1.0 - fraction) * path.angle, abs=1e-7)
 
 
 def test_arc_passes_its_points_with_constant_radius():
@@ -143,21 +143,21 @@ def test_smooth_motion_through_the_points_stays_on_the_path():
             trajectory = on_path(ARM, READY, path, ToolLimits())
         except PathError:
             continue
-        places = np.array([path.pose(share)[:3, 3] for share in np.linspace(0, 1, 2001)])
+        places = np.array([path.pose(fraction)[:3, 3] for fraction in np.linspace(0, 1, 2001)])
         motion = smoothed(trajectory, LIMITS)
         worst.append(max(distance_from(ARM.forward(q)[:3, 3], places) for q in motion.positions))
     assert max(worst) < 2e-4
 
 
 def test_path_through_a_singularity_is_refused():
-    bent = np.array([0.0, 0.2, 0.2, 0.0, -0.15, 0.0])
-    start = ARM.forward(bent)
+    for_folding_arm = np.array([0.0, 0.2, 0.2, 0.0, -0.15, 0.0])
+    start = ARM.forward(for_folding_arm)
     away = moved(start, uvw=(0.02, 0.3, 0.0))  # near the wrist's singularity
     other = moved(start, uvw=(0.02, -0.3, 0.0))
     refused = []
     for end in (away, other):
         try:
-            on_path(ARM, bent, line(start, end), ToolLimits(turn_speed=3.0))
+            on_path(ARM, for_folding_arm, line(start, end), ToolLimits(turn_speed=3.0))
         except PathError as error:
             refused.append(str(error))
     assert refused
@@ -170,16 +170,16 @@ def test_path_through_a_singularity_is_refused():
 @pytest.mark.parametrize('beside', one_in(3, [0.05, 0.02, 0.1]))
 def test_path_near_a_singularity_is_slow(beside):
     """Joint 4 turns by more than 0.5 rad while the tool turns by 0.01 rad."""
-    bent = np.array([0.0, 0.2, 0.2, 0.0, -0.15, 0.0])
-    start = ARM.forward(bent)
+    for_folding_arm = np.array([0.0, 0.2, 0.2, 0.0, -0.15, 0.0])
+    start = ARM.forward(for_folding_arm)
     path = line(start, moved(start, uvw=(beside, 0.3, 0.0)))
-    trajectory = on_path(ARM, bent, path, ToolLimits(slow=True))
+    trajectory = on_path(ARM, for_folding_arm, path, ToolLimits(slow=True))
     assert trajectory.duration > 2.0
     assert np.all(np.abs(trajectory.velocities) <= LIMITS.velocity * (1 + 1e-6))
     assert np.ptp(trajectory.positions[:, 3]) > 2.5
     for joints in trajectory.positions[::4]:
         turn = ARM.forward(joints)[:3, :3]
-        angles = [np.trace(turn.T @ path.pose(each)[:3, :3]) for each in np.linspace(0, 1, 401)]
+        angles = [np.trace(turn.T @ path.pose(item)[:3, :3]) for item in np.linspace(0, 1, 401)]
         assert max(angles) > 3.0 - 1e-5  # reached on the path
 
 
@@ -231,12 +231,12 @@ def test_path_is_slow_only_where_a_joint_limit_requires_it(monkeypatch):
     motion = smoothed(trajectory, LIMITS)
     assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * (1 + 1e-6))
     assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * (1 + 1e-6))
-    places = np.array([ARM.forward(each)[:3, 3] for each in motion.positions])
+    places = np.array([ARM.forward(position)[:3, 3] for position in motion.positions])
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
     assert speeds.max() > 0.8 * tool.speed
     shares = np.linspace(0.0, 1.0, 501)
-    poses = [path.pose(share)[:3, 3] for share in shares]
-    assert max(distance_from(each, np.array(poses)) for each in places) < 2e-3
+    poses = [path.pose(fraction)[:3, 3] for fraction in shares]
+    assert max(distance_from(place, np.array(poses)) for place in places) < 2e-3
     monkeypatch.setattr(path_timing, 'LEVELS', ())  # the slowest speed everywhere
     as_a_whole = on_path(ARM, joints, path, replace(tool, slow=True))
     assert trajectory.duration < 0.7 * as_a_whole.duration
@@ -251,9 +251,9 @@ def test_accuracy_holds_between_the_points():
     for accuracy in (1e-3, 2e-5):
         tool = ToolLimits(speed=0.3, acceleration=2.0, accuracy=accuracy)
         positions = on_path(ARM, READY, path, tool).positions
-        for share in (0.25, 0.5, 0.75):
-            between = positions[:-1] + share * np.diff(positions, axis=0)
-            places = [ARM.forward(each)[:3, 3] for each in between]
+        for fraction in (0.25, 0.5, 0.75):
+            between = positions[:-1] + fraction * np.diff(positions, axis=0)
+            places = [ARM.forward(item)[:3, 3] for item in between]
             assert max(distance_from(place, ends) for place in places) < 1.01 * accuracy
         counts.append(len(positions))
     assert counts[0] < counts[1]
@@ -280,7 +280,7 @@ def corners(arm, joints, *steps):
 def along(arm, trajectory):
     """Return positions of the tool at and between the points, shape (k, 3), and their interval."""
     motion = smoothed(trajectory, arm.model.limits)
-    places = np.array([arm.forward(each)[:3, 3] for each in motion.positions])
+    places = np.array([arm.forward(position)[:3, 3] for position in motion.positions])
     return places, float(motion.times[1] - motion.times[0])
 
 
@@ -291,8 +291,8 @@ def along(arm, trajectory):
 def test_blended_path_respects_tool_limits_at_corners(arm, joints):
     segments = corners(arm, joints, (0.0, 0.05, 0.0), (-0.05, 0.0, 0.02), (0.0, -0.03, -0.01))
     tool = ToolLimits(speed=0.2, acceleration=1.0)
-    blended = runs_trajectory(arm, joints, runs(segments, [0.02, 0.014]), tool)
-    resting = runs_trajectory(arm, joints, runs(segments, [0.0, 0.0]), tool)
+    blended = trajectory_along_runs(arm, joints, runs(segments, [0.02, 0.014]), tool)
+    resting = trajectory_along_runs(arm, joints, runs(segments, [0.0, 0.0]), tool)
     assert blended.duration < 0.95 * resting.duration
     assert np.allclose(arm.forward(blended.positions[-1]), segments[-1].pose(1.0), atol=1e-8)
     places, period = along(arm, blended)

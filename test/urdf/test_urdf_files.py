@@ -57,7 +57,7 @@ def test_limits_and_chain_equal_the_model_data(model):
 @each_model
 def test_link_masses_sum_to_the_arm_mass(model):
     masses = ElementTree.fromstring(urdf(model.file)).iter('mass')
-    total = sum(float(each.get('value')) for each in masses)
+    total = sum(float(item.get('value')) for item in masses)
     assert total == pytest.approx(model.mass, rel=1e-3)
 
 
@@ -77,8 +77,8 @@ def test_tool0_by_pinocchio_equals_the_model_data(model):
         expected = {'tool0': flange @ model.tool0.matrix, 'base': model.base.matrix}
         expected['flange'] = flange @ np.vstack([np.c_[np.eye(3), model.tool0.xyz], [0, 0, 0, 1]])
         for name, frame in expected.items():
-            found = data.oMf[arm.getFrameId(name)].homogeneous
-            assert found == pytest.approx(frame, abs=1e-9), name
+            result = data.oMf[arm.getFrameId(name)].homogeneous
+            assert result == pytest.approx(frame, abs=1e-9), name
 
 
 def test_xacro_accepts_a_prefix(tmp_path):
@@ -95,7 +95,7 @@ def test_xacro_accepts_a_prefix(tmp_path):
         assert run.returncode == 0, run.stderr
         robot = ElementTree.fromstring(run.stdout)
         assert robot.get('name') == 'c4_a601s'
-        names = [each.get('name') for each in [*robot.findall('link'), *robot.findall('joint')]]
+        names = [item.get('name') for item in [*robot.findall('link'), *robot.findall('joint')]]
         assert all(name.startswith('left_') for name in names)
         assert {'left_base_link', 'left_base', 'left_flange', 'left_tool0'} < set(names)
 
@@ -126,7 +126,7 @@ def test_model_can_be_described_without_links():
     result = urdf(model.file, geometry='false')
     assert problems(result) == []
     assert '<geometry' not in result
-    types = [each.get('type') for each in ElementTree.fromstring(result).findall('joint')]
+    types = [item.get('type') for item in ElementTree.fromstring(result).findall('joint')]
     assert types[0] == 'fixed'  # from the empty root link
     assert types[1 : 1 + len(model.joint_types)] == list(model.joint_types)
 

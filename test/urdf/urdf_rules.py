@@ -25,8 +25,8 @@ def problems(text: str) -> list[str]:
         return ['the root is not a robot with a name']
     return [
         *_tree(robot),
-        *(each for joint in robot.findall('joint') for each in _joint(joint)),
-        *(each for link in robot.findall('link') for each in _link(link)),
+        *(item for joint in robot.findall('joint') for item in _joint(joint)),
+        *(item for link in robot.findall('link') for item in _link(link)),
     ]
 
 
@@ -92,7 +92,7 @@ def _joint(joint: ElementTree.Element) -> Iterator[str]:
 def _link(link: ElementTree.Element) -> Iterator[str]:
     name = link.get('name')
     for shape in link.iterfind('*/geometry'):
-        sizes = [_numbers(each, key) for each in shape for key in SIZES.get(each.tag, ())]
+        sizes = [_numbers(item, key) for item in shape for key in SIZES.get(item.tag, ())]
         if len(shape) != 1 or not sizes or not all(np.all(size > 0.0) for size in sizes):
             yield f'{name}: a shape is no box and no cylinder, or has no size'
     if (link.find('visual') is None) != (link.find('collision') is None):

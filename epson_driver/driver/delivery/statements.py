@@ -120,8 +120,8 @@ class StatementDelivery(Delivery):
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
         target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
         needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
-        share = min(max(needed, self._rules.slowest), 1.0)
-        move = Statement(self.joints(target, share, share))
+        fraction = min(max(needed, self._rules.slowest), 1.0)
+        move = Statement(self.joints(target, fraction, fraction))
         return PreparedTrajectory(last_point(trajectory), [move])
 
     def post(self, message: Message, on_reply: OnReply) -> None:
@@ -194,8 +194,8 @@ def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
     nearest = int(np.argmin([np.linalg.norm(pose[:3, 3] - via) for pose in poses]))
     pose = poses[nearest].copy()
     pose[:3, 3] = via
-    found = arm.inverse(pose, positions[nearest])
-    return np.asarray(found[0] if len(found) else positions[nearest])
+    result = arm.inverse(pose, positions[nearest])
+    return np.asarray(result[0] if len(result) else positions[nearest])
 
 
 def _tool(pose: Array) -> str:

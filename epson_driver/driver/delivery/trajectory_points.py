@@ -254,7 +254,7 @@ class LazyPoints(Sequence[M]):
     def __getitem__(self, index: int | slice) -> M | Sequence[M]:
         """Return one message, or all messages of a slice."""
         if isinstance(index, slice):
-            return [self[each] for each in range(*index.indices(self._count))]
+            return [self[item] for item in range(*index.indices(self._count))]
         at = index - self._first
         if not 0 <= at < len(self._made):
             at = self._make_block(range(self._count)[index])

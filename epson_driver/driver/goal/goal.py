@@ -141,11 +141,11 @@ def check_limits(
     trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
 ) -> None:
     """Raise GoalRejectedError INVALID_GOAL, naming point, joint, value and limit, if invalid."""
-    if found := list(problems(trajectory, limits)):
-        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found))
-    if not may_end_moving and (found := list(_end_velocities(trajectory, limits))):
+    if result := list(problems(trajectory, limits)):
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(result))
+    if not may_end_moving and (result := list(_end_velocities(trajectory, limits))):
         remedy = Remedy.ALLOW_END_VELOCITY
-        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found), remedy)
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(result), remedy)
 
 
 def check_start(
@@ -158,7 +158,7 @@ def check_start(
     """
     offset = np.abs(trajectory.positions[0] - actual)
     time = float(trajectory.times[0])
-    found = [
+    result = [
         f'{name}: the trajectory starts at {start:.6g} {unit}, '
         f'the joint is at {value:.6g} {unit}: '
         + (
@@ -178,8 +178,8 @@ def check_start(
         )
         if difference > max(tolerance, velocity * time)
     ]
-    if found:
-        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found))
+    if result:
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(result))
 
 
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:

@@ -33,9 +33,9 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
-from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
 from epson_driver.driver.goal.remainder import remainder
+from epson_driver.driver.goal.timing_monitor import Timing, TimingMonitor
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
@@ -87,7 +87,7 @@ class GoalExecution:
         on_end: Callable[[Outcome], None],
         now: float,
         scaling: SpeedScaling | None = None,
-        planned_speed: PlannedSpeed | None = None,
+        timing_monitor: TimingMonitor | None = None,
     ) -> None:
         self.goal = goal
         self.settings = settings
@@ -118,7 +118,7 @@ class GoalExecution:
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
-        self._planned_speed = planned_speed
+        self._planned_speed = timing_monitor
 
     @property
     def paused(self) -> bool:
@@ -229,12 +229,12 @@ class GoalExecution:
         if self.state in REJECTED_STATES:
             self._look_for_cause(robot, now - max(looked, self._rejected_at))
             return
-        said = robot.in_motion != TriState.UNKNOWN
-        if self.state is GoalState.SETTLING and not said:
+        message = robot.in_motion != TriState.UNKNOWN
+        if self.state is GoalState.SETTLING and not message:
             self._standstill.expect_rest(UNSAID_REST_TIME_S)
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
-                self._judge(now, said=said)
+                self._judge(now, said=message)
             elif self.state in BRAKING_STATES:
                 self._rest(sample)
         self._check_path(sample, now)
@@ -291,8 +291,8 @@ class GoalExecution:
             time = float((times[target - 1] if target else 0.0) + times[target]) / 2
         else:  # the arm is not beyond the last point that was sent
             time = min(self._plan_time, float(times[self.target])) - EARLY_S
-        share = time / max(self.goal.trajectory.duration, MIN_DURATION_S)
-        expected = self._passed + (self._plan.duration - self._passed) * share
+        fraction = time / max(self.goal.trajectory.duration, MIN_DURATION_S)
+        expected = self._passed + (self._plan.duration - self._passed) * fraction
         return max(expected, self._reached)
 
     @contextlib.contextmanager
@@ -343,19 +343,19 @@ class GoalExecution:
         STATUS that arrived while this process was not scheduled is read before the next check.
         """
         status = robot.status
-        told = status is not None and robot.status_time > self._rejected_at
-        patience = self.settings.cause_timeout
-        self._cause_waited += min(gap, patience / 2)
-        if told and status and not status.error_code and robot.in_motion == TriState.TRUE:
+        report = status is not None and robot.status_time > self._rejected_at
+        timeout = self.settings.cause_timeout
+        self._cause_waited += min(gap, timeout / 2)
+        if report and status and not status.error_code and robot.in_motion == TriState.TRUE:
             # The arm brakes. The cause, such as motors off, may only show once it is at rest.
-            told = self._cause_waited > self.settings.reply_timeout
-            patience = self.settings.reply_timeout
-        if status is not None and told:
+            report = self._cause_waited > self.settings.reply_timeout
+            timeout = self.settings.reply_timeout
+        if status is not None and report:
             if error := status.error_code:
                 self.fault(f'controller error {robot.errors.phrase(error)}')
             else:
                 self._end_at_once(GoalEvent.FAULT, 'it reports no error', unexplained=True)
-        elif self._cause_waited > patience:
+        elif self._cause_waited > timeout:
             self._end_at_once(GoalEvent.FAULT, 'no status shows the cause', unexplained=True)
 
     def _send_stop(self) -> None:

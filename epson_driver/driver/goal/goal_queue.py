@@ -27,9 +27,9 @@ from epson_driver.driver.goal.goal import (
 )
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
-from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.planning_scope import PlanningScope, PlanningScopes
 from epson_driver.driver.goal.reference import SpeedScaling
+from epson_driver.driver.goal.timing_monitor import Timing, TimingMonitor
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
@@ -98,7 +98,7 @@ class GoalQueue:
         on_broken_off: Callable[[Outcome, bool], None],
     ) -> None:
         self._limits = limits = configuration.limits
-        self._planned_speed = PlannedSpeed(configuration.delivery, limits)
+        self._planned_speed = TimingMonitor(configuration.delivery, limits)
         self.start_tolerance = 0.02
         self.scaling = SpeedScaling(by_velocity=self._planned_speed.by_velocity)
         self.unsmoothed = 0
@@ -198,8 +198,8 @@ class GoalQueue:
             return
         self.plans.end(REPLACED)
         now = _now()
-        found = self._why_not(self._purpose, now)
-        if found is not None and found.cause is Cause.NO_POSE and self._robot.stale(now):
+        result = self._why_not(self._purpose, now)
+        if result is not None and result.cause is Cause.NO_POSE and self._robot.stale(now):
             handle.continue_in_task(self._submit_later(handle))
             self._wait(handle)
         else:
@@ -315,13 +315,13 @@ class GoalQueue:
     @property
     def _purpose(self) -> Purpose:
         """Purpose of a new goal. It needs no pose while the arm moves without one."""
-        moves = self._running is not None and self._robot.withheld
+        moves = self._running is not None and self._robot.joints_unavailable
         return Purpose.GOAL if moves else Purpose.READY
 
     def check(self, purpose: Purpose, now: float) -> None:
         """Raise GoalRejectedError if a purpose is not allowed at `now`, s."""
-        if (found := self._why_not(purpose, now)) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, found.said, found.remedy)
+        if (result := self._why_not(purpose, now)) is not None:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, result.said, result.remedy)
 
     def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
         """Return the joint sample. Raises GoalRejectedError if the arm may not move at `now`."""
@@ -359,8 +359,8 @@ class GoalQueue:
         running = None if self.execution is None else self.execution.goal.trajectory
         self._planned_speed.check_factor(factor, running)
         now = _now()
-        found = self._why_not(Purpose.GOAL, now)
-        streams = found is not None and found.cause is Cause.STREAM
+        result = self._why_not(Purpose.GOAL, now)
+        streams = result is not None and result.cause is Cause.STREAM
         self.scaling.set(factor, now, ramp=self.busy or streams)
         handle = self._running
         if factor or handle is None or handle.execution is None:

@@ -148,7 +148,7 @@ BRAKING_STATES = UNCONFIRMED_STATES | CONFIRMED_STATES
 
 
 @dataclass(frozen=True, slots=True)
-class Aftermath:
+class FinalArmState:
     """The known state of arm and controller after a goal has ended.
 
     at_rest: the arm is at rest. broken_off: the controller may or may not execute the points that
@@ -160,14 +160,14 @@ class Aftermath:
     unanswered: bool = False
 
 
-AT_REST = Aftermath(at_rest=True)
-AT_REST_UNCONFIRMED = Aftermath(at_rest=True, broken_off=True, unanswered=True)
-REJECTED_MIDWAY = Aftermath(broken_off=True)
-NO_REPLY = Aftermath(broken_off=True, unanswered=True)
-UNKNOWN = Aftermath()
+AT_REST = FinalArmState(at_rest=True)
+AT_REST_UNCONFIRMED = FinalArmState(at_rest=True, broken_off=True, unanswered=True)
+REJECTED_MIDWAY = FinalArmState(broken_off=True)
+NO_REPLY = FinalArmState(broken_off=True, unanswered=True)
+UNKNOWN = FinalArmState()
 """For a goal that has not ended, and for one ended by a fault."""
 
-AFTERMATH: dict[tuple[GoalState, GoalEvent], Aftermath] = {
+AFTERMATH: dict[tuple[GoalState, GoalEvent], FinalArmState] = {
     (GoalState.SETTLING, GoalEvent.AT_GOAL): AT_REST,
     (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): REJECTED_MIDWAY,
     **{

@@ -238,12 +238,12 @@ class PointSchedule:
         """Return the next point to send, at the current speed, which must not be a pause."""
         before = self._times[index - 1] if index else 0.0
         planned = max(self._times[index] - before, MIN_DURATION_S)
-        begin = max(now, self._sent_until)  # it runs after the earlier points
+        start = max(now, self._sent_until)  # it runs after the earlier points
         message = self._messages[index]
-        takes = self._scaling.time_for(planned, begin)
+        takes = self._scaling.time_for(planned, start)
         factor = max(planned / takes, self._scaling.least(message))
         takes = planned / factor
-        self._sent_until = begin + takes
+        self._sent_until = start + takes
         self._delay += takes - planned
         message = scaled(message, factor, self._delay)
         self.duration = max(takes, getattr(message, 'duration', 0.0))

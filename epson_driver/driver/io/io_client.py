@@ -20,7 +20,7 @@ from epson_driver.driver.io.points import (
     WORD_GROUPS,
     Backend,
     IoUnavailableError,
-    Told,
+    PointReply,
     packed,
     ranges_of,
     rejection,
@@ -83,16 +83,16 @@ class RemoteEthernetIo(Backend):
         self._login = login or partial(logged_in, host, port, max_logins=1)
         self._turns = turns
 
-    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
         """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return await self._give([_reading(item) for item in addresses], timeout)
 
-    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
         """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
         return await self._give([_writing(item) for item in settings], timeout)
 
-    async def _give(self, commands: Sequence[str], timeout: float) -> list[Told]:
-        async def dialogue() -> list[Told]:
+    async def _give(self, commands: Sequence[str], timeout: float) -> list[PointReply]:
+        async def dialogue() -> list[PointReply]:
             async with self._login(timeout * (1 + len(commands))) as ask:
                 return [await _told(ask, command, timeout) for command in commands]
 
@@ -103,18 +103,18 @@ class RemoteEthernetIo(Backend):
             raise IoUnavailableError(f'remote port {self._place}: {why}', sent=True) from error
 
 
-async def _told(ask: Ask, command: str, timeout: float) -> Told:
+async def _told(ask: Ask, command: str, timeout: float) -> PointReply:
     try:
         async with asyncio.timeout(timeout):
             answer = await ask(command)
     except RemoteError as error:
         if error.number == RemoteErrorNumber.NOT_READY:
-            return Told(result=0, why=NOT_READY)
+            return PointReply(result=0, why=NOT_READY)
         passing = error.number == RemoteErrorNumber.EXECUTING
-        return Told(result=0, why=str(error), passing=passing)
+        return PointReply(result=0, why=str(error), passing=passing)
     base = DECIMAL if command.startswith('Execute') else HEXADECIMAL
     try:
-        return Told(int(answer.strip('" '), base))
+        return PointReply(int(answer.strip('" '), base))
     except ValueError as error:
         raise ConnectionError(f"'{answer[:40]}' is not a reply to {command}") from error
 
@@ -237,7 +237,7 @@ class Io:
         self,
         items: Sequence[T],
         written: Sequence[int | None],
-        ask: Callable[[Sequence[T], float], Awaitable[list[Told]]],
+        ask: Callable[[Sequence[T], float], Awaitable[list[PointReply]]],
     ) -> list[IoAnswer]:
         if len(items) > MAX_POINTS:
             raise IoUnavailableError(f'{len(items)} points in one request: at most {MAX_POINTS}')
@@ -254,10 +254,10 @@ class Io:
         good = [
             item for item, result in zip(items, results, strict=True) if result is IoResult.SUCCESS
         ]
-        told = iter(await ask(good, self.timeout) if good else [])
+        report = iter(await ask(good, self.timeout) if good else [])
         answers = []
         for (item, value), result in zip(both, results, strict=True):
-            got = next(told) if result is IoResult.SUCCESS else Told(result=result)
+            got = next(report) if result is IoResult.SUCCESS else PointReply(result=result)
             text = got.text(item.io_type, item.index, value, self.ranges or ())
             shown_value = got.value if value is None else value
             answers.append(IoAnswer(item.io_type, item.index, shown_value, got.result, text))
@@ -299,28 +299,30 @@ class Io:
         ranges = backend.ranges or ()
         wanted = list(shown(ranges, backend.shown, grouped=backend.grouped))
         asked = [address for _, _, addresses in wanted for address in addresses]
-        told: list[Told] = []
+        report: list[PointReply] = []
         for first in range(0, len(asked), MAX_ASKED):
-            told += await backend.read(asked[first : first + MAX_ASKED], self.timeout)
+            report += await backend.read(asked[first : first + MAX_ASKED], self.timeout)
         values: dict[IoRange, tuple[int, ...]] = {}
         why, passing, begin = '', False, 0
         for held, width, addresses in wanted:
-            part = told[begin : begin + len(addresses)]
+            part = report[begin : begin + len(addresses)]
             begin += len(addresses)
             texts = [
-                each.text(item.io_type, item.index, None, ranges)
-                for each, item in zip(part, addresses, strict=True)
+                entry.text(item.io_type, item.index, None, ranges)
+                for entry, item in zip(part, addresses, strict=True)
             ]
             if any(texts):
                 why = why or next(filter(None, texts))
-                passing = any(each.passing for each in part)
+                passing = any(element.passing for element in part)
                 continue
-            bits = [each.value >> at & 1 for each in part for at in range(width)]
+            bits = [element.value >> at & 1 for element in part for at in range(width)]
             values[held] = tuple(bits[: held.count] if width > 1 else [t.value for t in part])
             if width > 1:
                 group = GROUPS[IoType(held.io_type)]
                 values |= {
-                    each: packed(each, values[held]) for each in ranges if each.io_type == group
+                    element: packed(element, values[held])
+                    for element in ranges
+                    if element.io_type == group
                 }
         if not values:
             why = why or 'the controller has no readable I/O'

@@ -11,7 +11,13 @@ import contextlib
 from collections.abc import Sequence
 from typing import TypeVar
 
-from epson_driver.driver.io.points import WORD_GROUPS, Backend, IoUnavailableError, Told, ranges_of
+from epson_driver.driver.io.points import (
+    WORD_GROUPS,
+    Backend,
+    IoUnavailableError,
+    PointReply,
+    ranges_of,
+)
 from epson_driver.link import Link, LinkState
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.simple_message import (
@@ -157,19 +163,19 @@ class ServerIo(MessageIo):
             self.ranges, self._looked = reply.items, connection
             self.grouped = any(held.start == WORD_GROUPS for held in reply.items)
 
-    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
         """Return a result for each address. Raises IoUnavailableError if the request fails."""
         message = IoRead(self._next_id(), tuple(addresses))
         reply = await self._ask(message, IoReadReply, timeout)
         _check_addresses(reply, addresses)
-        return [Told(item.value, item.result) for item in reply.items]
+        return [PointReply(item.value, item.result) for item in reply.items]
 
-    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
         """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
         message = IoWrite(self._next_id(), tuple(settings))
         reply = await self._ask(message, IoWriteReply, timeout)
         _check_addresses(reply, settings)
-        return [Told(result=item.result) for item in reply.items]
+        return [PointReply(result=item.result) for item in reply.items]
 
     def _next_id(self) -> int:
         """Return 1, 2, … and 1 again. Not an itertools.cycle, which stores all values."""
@@ -218,33 +224,33 @@ class MotomanIo(MessageIo):
         super().__init__(host, port, byte_order)
         self.ranges = ranges_of(profile, words=False, flags=False)
 
-    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
         """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return [await self._ask(_reading(item), timeout) for item in addresses]
 
-    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
         """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
-        told: list[Told] = []
+        report: list[PointReply] = []
         try:
             for item in settings:
-                told.append(await self._ask(_writing(item), timeout))  # noqa: PERF401 - it counts
+                report.append(await self._ask(_writing(item), timeout))  # noqa: PERF401 - it counts
         except IoUnavailableError as error:
-            error.sent |= bool(told)
+            error.sent |= bool(report)
             raise
-        return told
+        return report
 
-    async def _ask(self, message: Message, timeout: float) -> Told:
+    async def _ask(self, message: Message, timeout: float) -> PointReply:
         reply = (await self._exchange(message, timeout)).message
         if isinstance(reply, IoCtrlReply):
             why = f'the controller does not know the request ({reply.subcode})'
-            return Told(result=0, why=why)
+            return PointReply(result=0, why=why)
         if not isinstance(reply, REPLIES):
             raise IoUnavailableError(NO_SENSE, sent=True)
         if reply.result != MotomanIoResult.OK:
             known = reply.result in list(MotomanIoResult)
             name = MotomanIoResult(reply.result).name if known else 'unknown'
-            return Told(result=0, why=f'the controller refused it: {name} ({reply.result})')
-        return Told(getattr(reply, 'value', 0))
+            return PointReply(result=0, why=f'the controller refused it: {name} ({reply.result})')
+        return PointReply(getattr(reply, 'value', 0))
 
 
 def _reading(item: IoAddress) -> Message:

@@ -50,7 +50,7 @@ class IoUnavailableError(RuntimeError):
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class PointReply:
     """A controller's reply for one point: its value, or why it is missing.
 
     `result` is an IoResult's number, or 0 if `why` has the reason. `passing`: see
@@ -91,11 +91,11 @@ class Backend(ABC):
         """Request the existing points. Raises IoUnavailableError if the request fails."""
 
     @abstractmethod
-    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
         """Return a result for each address. Raises IoUnavailableError if the request fails."""
 
     @abstractmethod
-    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
         """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
 
 

@@ -51,8 +51,8 @@ from epson_driver.driver.servo.stream import (
     MAX_EXTRAPOLATION_S,
     StreamFilter,
     StreamLag,
-    StreamPace,
     StreamReference,
+    StreamSpeedEstimator,
     VelocityCheck,
 )
 from epson_driver.driver.state.robot_state import JointSample, RobotState
@@ -60,7 +60,7 @@ from epson_driver.driver.state.standstill import Standstill
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.log_lines import LogThrottle
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.motion.setpoint_tracker import Aim, SetpointTracker, servo_limits
+from epson_driver.motion.setpoint_tracker import ServoTarget, SetpointTracker, servo_limits
 from epson_driver.simple_message import Message, Packet
 
 CYCLE_S = 0.02
@@ -138,7 +138,7 @@ class _Session:
     stepped: float
     standstill: Standstill
     check: VelocityCheck
-    pace: StreamPace
+    pace: StreamSpeedEstimator
     filter: StreamFilter
     reference: StreamReference | None = None
     lag: StreamLag = field(default_factory=StreamLag)
@@ -229,7 +229,7 @@ class Servo:
         """Return the topics that must be released, and the remaining time for each, s."""
         return dict(self._interlock.waiting(now))
 
-    def occupation(self) -> str | None:
+    def active_user(self) -> str | None:
         """Return why no goal may start now, or None if no stream uses the arm."""
         session = self._session
         if session is None:
@@ -261,8 +261,8 @@ class Servo:
         if asks:
             return self._try_to_begin(setpoint, now, came)
         if setpoint.positions is not None and not self._at(setpoint.positions):
-            if (found := self._why_not(Purpose.LET_GO, now)) is not None:
-                return self._refuse(setpoint, found.cause, found.said)
+            if (result := self._why_not(Purpose.LET_GO, now)) is not None:
+                return self._refuse(setpoint, result.cause, result.said)
             text = f'it holds its position: it must move, or pause for {RELEASE_S:g} s first'
             return self._refuse(setpoint, 'far', text)
         return None
@@ -314,8 +314,8 @@ class Servo:
     # --- start ------------------------------------------------------------------------------
 
     def _try_to_begin(self, setpoint: Setpoint, now: float, came: float) -> str | None:
-        if (found := self._why_not(Purpose.STREAM, now)) is not None:
-            return self._refuse(setpoint, found.cause, found.said)
+        if (result := self._why_not(Purpose.STREAM, now)) is not None:
+            return self._refuse(setpoint, result.cause, result.said)
         if (waited := now - came) > self.settings.timeout:
             text = f'this driver was delayed by {waited:.3g} s after receiving it'
             return self._refuse(setpoint, 'old', text)
@@ -361,8 +361,8 @@ class Servo:
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
         standstill = Standstill(now)
         standstill.expect(None)
-        share = servo_limits(limits, self.settings.share, STOP_WITHIN_S)
-        slower = replace(share, velocity=DURATION_SHARE * share.velocity)
+        fraction = servo_limits(limits, self.settings.share, STOP_WITHIN_S)
+        slower = replace(fraction, velocity=DURATION_SHARE * fraction.velocity)
         tracker = SetpointTracker(slower, start)
         session = _Session(
             setpoint,
@@ -373,7 +373,7 @@ class Servo:
             now,
             standstill,
             VelocityCheck(limits),
-            StreamPace(start, came),
+            StreamSpeedEstimator(start, came),
             StreamFilter(tracker.limits),
             answered=now,
         )
@@ -483,8 +483,8 @@ class Servo:
         """Advance the tracker and send its position, if motion is permitted."""
         gap, self._looked = now - self._looked, now
         paused = not self._goals.scaling.target
-        if (found := self._why_not_on(session, now)) is not None:
-            self.stop(found.text)
+        if (result := self._why_not_on(session, now)) is not None:
+            self.stop(result.text)
         elif session.let_go:
             if self._stopper.over and (not paused or self._silent(session, now)):
                 self._go_on_or_end(session, now)
@@ -583,7 +583,7 @@ class Servo:
         dt: float,
         step: float,
         factor: float,
-    ) -> tuple[Aim, Array]:
+    ) -> tuple[ServoTarget, Array]:
         """Return the target and the maximum speed. In a window, look ahead by the arm's lag.
 
         An arm that is behind positions catches up at `catch_up` times their speed. The speed is
@@ -608,16 +608,16 @@ class Servo:
 
         Raises GoalRejectedError if it violates a limit, or if the controller takes no streams.
         """
-        share = DURATION_SHARE
+        fraction = DURATION_SHARE
         if session.fastest is not None and span > 0.0 and not session.waited:
             speeds = np.abs([session.sent_velocity, velocity, (position - session.sent) / span])
-            share = min(max(share, float((speeds / session.fastest).max())), 1.0)
-        duration = span * share
+            fraction = min(max(fraction, float((speeds / session.fastest).max())), 1.0)
+        duration = span * fraction
         way = Trajectory(
             self._limits.names,
             np.array([session.time, session.time + duration]),
             np.array([session.sent, position]),
-            np.array([session.sent_velocity, velocity]) / share,
+            np.array([session.sent_velocity, velocity]) / fraction,
         )
         if span > 0.0:
             check_limits(way, self._limits, may_end_moving=True)
@@ -631,8 +631,8 @@ class Servo:
         """Send a point, unless motion is inhibited now."""
         if session is not self._session:
             return
-        if (found := self._why_not_on(session, now)) is not None:
-            self.stop(found.text)
+        if (result := self._why_not_on(session, now)) is not None:
+            self.stop(result.text)
             return
         sequence = session.sequence
         session.sequence += 1

@@ -216,7 +216,7 @@ MAX_PUBLISHERS = 32
 """Maximum number of publishers tracked per topic. The latest ones are stored."""
 
 
-class Arrivals:
+class ArrivalMonitor:
     """Distinguishes silence on a topic from messages lost while this process was stalled.
 
     The queue is short, so a process that stalled for a second may not have seen a second of
@@ -238,7 +238,7 @@ class Arrivals:
         gap, self._came = came - self._came, came
         if number is None:
             return False
-        before = max((each for each in self._newest if each < number), default=0)
+        before = max((item for item in self._newest if item < number), default=0)
         if before:
             self._newest.remove(before)
         self._newest = [*self._newest[-(MAX_PUBLISHERS - 1) :], number]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from epson_driver.driver.servo.setpoint import Setpoint, contradiction
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.motion import Array, JointLimits
-from epson_driver.motion.setpoint_tracker import Aim, stopping_way
+from epson_driver.motion.setpoint_tracker import ServoTarget, stopping_way
 
 FIT_SPANS_S = (0.8, 0.3, 0.14)
 """Spans of setpoints that may be fitted together, s. The longest span in which the setpoints are a
@@ -114,14 +114,14 @@ class StreamFilter:
         if (before := len(self._times)) and time > self._times[-1]:
             span = time - self._times[-1]
             led = self._led[-1] + span * (self._velocities[-1] + velocity) / 2.0
-            told = (position - self._positions[-1]) / max(span, MIN_SPAN_S)
-            self._see_speed(velocity if velocity.any() else told, span)
+            report = (position - self._positions[-1]) / max(span, MIN_SPAN_S)
+            self._see_speed(velocity if velocity.any() else report, span)
             self._oldest += OLDEST_SHARE * (self._age - self._oldest)
             first = int(np.searchsorted(self._times, time - FIT_SPANS_S[0]))
         elif before:  # at the same time: replaces the previous setpoint
             first, led, time = 0, self._led[-1], float(self._times[-1])
             self._times, self._positions, self._velocities, self._led = (
-                each[:-1] for each in (self._times, self._positions, self._velocities, self._led)
+                item[:-1] for item in (self._times, self._positions, self._velocities, self._led)
             )
         else:
             self._see_speed(velocity, 0.0)
@@ -148,14 +148,14 @@ class StreamFilter:
 
     def _fitted(self) -> tuple[Array, ...]:
         """Fit the positions minus the integrated velocities, in the longest suitable span."""
-        told = self._positions - self._led
-        count = told.shape[1]
+        report = self._positions - self._led
+        count = report.shape[1]
         chosen = np.zeros((4, count))
         open_ = np.ones(count, dtype=bool)
         now = self._times[-1]
         for span in FIT_SPANS_S:
             first = int(np.searchsorted(self._times, now - span - 1e-6))
-            times, values = self._times[first:], told[first:]
+            times, values = self._times[first:], report[first:]
             last = span == FIT_SPANS_S[-1]
             if not last and len(times) < MIN_FITTED:
                 continue
@@ -168,11 +168,11 @@ class StreamFilter:
         first = int(np.searchsorted(self._times, now - FIT_SPANS_S[-1]))
         stands = np.ptp(self._positions[first:], axis=0) < ROUNDING
         stands &= ~np.any(self._velocities[first:], axis=0)
-        chosen[1] = np.where(stands, told[-1], chosen[1])
+        chosen[1] = np.where(stands, report[-1], chosen[1])
         chosen[2:, stands] = 0.0
         return tuple(chosen)
 
-    def aim(self, now: float, ahead: float = 0.0) -> Aim:
+    def aim(self, now: float, ahead: float = 0.0) -> ServoTarget:
         """Return the target of the joints at `now`, a time later than all setpoints.
 
         `ahead`: time by which the current step is longer than usual, s. A stop starts earlier by
@@ -184,7 +184,7 @@ class StreamFilter:
         lag = LAG_WITH_VELOCITIES_S if self._velocities[-1].any() else LAG_S
         if age > FRESH_S:
             position, still = self._positions[-1], np.zeros_like(self._speed)
-            return Aim(position, still, still, position - PASSED, position + PASSED)
+            return ServoTarget(position, still, still, position - PASSED, position + PASSED)
         middle, value, slope, curvature = self._fit
         time = now - lag
         index = max(int(np.searchsorted(times, time, side='right')) - 1, 0)
@@ -229,7 +229,7 @@ class StreamFilter:
             np.minimum(low, been.min(axis=0, initial=np.inf)),
             np.maximum(high, been.max(axis=0, initial=-np.inf)),
         )
-        return Aim(position, velocity, acceleration, low, high)
+        return ServoTarget(position, velocity, acceleration, low, high)
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -311,13 +311,13 @@ class VelocityCheck:
         self.trusted = False
         if len(seen) < 2:
             return None
-        times = np.array([each[0] for each in seen])
-        claimed = np.array([each[2] for each in seen])
+        times = np.array([item[0] for item in seen])
+        claimed = np.array([item[2] for item in seen])
         led = np.diff(times) @ (claimed[:-1] + claimed[1:]) / 2.0
         moved = positions - seen[0][1]
-        said = contradiction(moved[None], led[None], claimed, self._limits, BEHIND_S)
-        self.trusted = said is None and time - seen[0][0] >= TRUSTED_AFTER_S
-        return said
+        message = contradiction(moved[None], led[None], claimed, self._limits, BEHIND_S)
+        self.trusted = message is None and time - seen[0][0] >= TRUSTED_AFTER_S
+        return message
 
 
 MAX_EXTRAPOLATION_S = 0.04
@@ -359,7 +359,7 @@ class StreamReference:
         """How far beyond its arrival the setpoint is known, s, or 0 for a single setpoint."""
         return max(self._times[-1], 0.0)
 
-    def aim(self, time: float, dt: float, limits: JointLimits) -> Aim:
+    def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:
         """Return the target at a time of a window, for a step of `dt` s.
 
         The joints pass neither the later points nor the stopping position at the window's end.
@@ -371,7 +371,7 @@ class StreamReference:
         later = self._positions[bisect_right(self._times, time) :]
         shown = np.concatenate([later, position[None], stop[None]])
         low, high = shown.min(axis=0) - PASSED, shown.max(axis=0) + PASSED
-        return Aim(position, velocity, acceleration, low, high)
+        return ServoTarget(position, velocity, acceleration, low, high)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return position and velocity at a time, shapes (n,).
@@ -414,22 +414,22 @@ class _Passage:
     speed: Array
 
 
-class StreamPace:
+class StreamSpeedEstimator:
     """Estimates the speed of a stream of positions over the path that is still to be followed.
 
     The first step starts at the arm's position `start`, shape (n,). Times are the loop's, s.
     """
 
     def __init__(self, start: Array, time: float) -> None:
-        begin = _Passage(time - PACE_SPAN_S, start, np.zeros_like(start))
-        self._way = deque([begin], maxlen=MAX_SENT)
+        first = _Passage(time - PACE_SPAN_S, start, np.zeros_like(start))
+        self._way = deque([first], maxlen=MAX_SENT)
         self._passed = 0
 
     def add(self, time: float, reference: StreamReference) -> None:
         """Add a setpoint of the stream, later than the previous ones."""
         position, _ = reference.at(0.0)
         before = next(
-            (each for each in reversed(self._way) if time - each.time >= PACE_SPAN_S), self._way[0]
+            (item for item in reversed(self._way) if time - item.time >= PACE_SPAN_S), self._way[0]
         )
         span = max(time - before.time, PACE_SPAN_S)
         speed = np.maximum(np.abs(position - before.position) / span, reference.fastest)
@@ -443,7 +443,7 @@ class StreamPace:
         if float(np.abs(way[-1].position - position).max()) <= NEAR:
             first = len(way) - 1
         else:
-            ahead = np.array([each.position for each in islice(way, first, first + NEXT)])
+            ahead = np.array([item.position for item in islice(way, first, first + NEXT)])
             first += int(np.argmin(np.abs(ahead - position).max(axis=1)))
         behind = 0.0 if first == len(way) - 1 else way[-1].time - way[first].time
         while first and time - way[0].time > PACE_MEMORY_S:
@@ -454,7 +454,7 @@ class StreamPace:
 
     def fastest(self) -> Array:
         """Return the highest speed of each joint on that path, shape (n,)."""
-        speeds: Array = np.array([each.speed for each in self._way]).max(axis=0)
+        speeds: Array = np.array([item.speed for item in self._way]).max(axis=0)
         return speeds
 
 
@@ -510,8 +510,8 @@ class StreamLag:
             near = np.array([position for _, position in islice(sent, NEXT)])
             passed = self._passed(near, sample.positions)
             self.now = max(sample.measured - sent[passed][0], 0.0)
-            share = min((sample.measured - self._seen) / BEHIND_FILTER_S, 1.0)
-            self.behind += share * (self.now - self.behind)
+            fraction = min((sample.measured - self._seen) / BEHIND_FILTER_S, 1.0)
+            self.behind += fraction * (self.now - self.behind)
         self._seen = sample.measured
         for _ in range(passed):
             sent.popleft()
@@ -529,6 +529,6 @@ class StreamLag:
         along = ways @ self._direction > 0.0
         if not along.any():
             return nearest
-        found = int(np.argmin(np.where(along, away[:-1], np.inf)))
-        step = float(np.abs(ways[found]).max())
-        return found if away[found] <= away[nearest] + step / 2.0 else nearest
+        result = int(np.argmin(np.where(along, away[:-1], np.inf)))
+        step = float(np.abs(ways[result]).max())
+        return result if away[result] <= away[nearest] + step / 2.0 else nearest

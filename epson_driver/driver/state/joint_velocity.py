@@ -78,8 +78,8 @@ class JointVelocity:
         if known is None:
             return after_a_pause
         differences = (
-            sum(abs(new - old) for new, old in zip(each, known, strict=True))
-            for each in (after_a_pause, held_up)
+            sum(abs(new - old) for new, old in zip(item, known, strict=True))
+            for item in (after_a_pause, held_up)
         )
         return after_a_pause if next(differences) <= next(differences) else held_up
 

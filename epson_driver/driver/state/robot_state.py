@@ -111,8 +111,8 @@ class RobotState:
     (docs/invariants.md, 6).
     `errors`: texts of the controller's error numbers, EPSON's by default. Inputs use the
     controller's joint convention, and `sample` uses the ROS convention, converted by `mapping`.
-    `withheld` returns whether the controller currently reports no joints, for example while it
-    moves the arm.
+    `joints_unavailable` returns whether the controller currently reports no joints, for example
+    while it moves the arm.
 
     There is no `sample` until the joints' velocities are known, because a single position does not
     show that the arm is at rest.
@@ -124,13 +124,13 @@ class RobotState:
         errors: ErrorTexts | None = None,
         mapping: JointMapping | None = None,
         rules: StateRules = NO_RULES,
-        withheld: Callable[[], bool] = lambda: False,
+        joints_unavailable: Callable[[], bool] = lambda: False,
     ) -> None:
         self._joints = joints
         self._mapping = unmapped(joints) if mapping is None else mapping
         self.errors = load_error_texts() if errors is None else errors
         self._rules = rules
-        self._withheld = withheld
+        self._joints_unavailable = joints_unavailable
         self._bounds = JointBounds(joints, rules.limits, rules.margins)
         self.clear()
 
@@ -198,7 +198,7 @@ class RobotState:
     def on_status(self, status: Status, now: float) -> None:
         """Process a STATUS message."""
         self._step(now, None)
-        if self.withheld:  # the arm's motion during this time is unknown
+        if self.joints_unavailable:  # the arm's motion during this time is unknown
             self._velocity = JointVelocity()
         self.status = status
         self.status_time = now
@@ -233,14 +233,14 @@ class RobotState:
         if self.sample is None:
             return 'no joint state from the controller'
         if self.stale(now):
-            why = WITHHELD if self.withheld else ''
+            why = WITHHELD if self.joints_unavailable else ''
             return f'{why}the newest joint state is {now - self.sample.measured:.3g} s old'
         return None
 
     @property
-    def withheld(self) -> bool:
+    def joints_unavailable(self) -> bool:
         """Whether the controller reports no joints in its current condition."""
-        return self._withheld()
+        return self._joints_unavailable()
 
     def stale(self, now: float) -> bool:
         """Return whether joints are available but too old to show where the arm is."""
@@ -248,7 +248,7 @@ class RobotState:
         allowed = min(usual, self._rules.timeout)
         if self.sample is None:
             return False
-        return self.withheld or now - self.sample.measured > allowed
+        return self.joints_unavailable or now - self.sample.measured > allowed
 
     def why_not_standing(self, stopped_velocity: float) -> str | None:
         """Return the evidence that the arm moves, as a clause, or None if it is at rest.
@@ -266,7 +266,7 @@ class RobotState:
             return 'in_motion of the controller'
         window = self._velocity.in_window()
         for joint, value in enumerate(window[-1] if window else ()):
-            moved = max(abs(value - each[joint]) for each in window)
+            moved = max(abs(value - item[joint]) for item in window)
             if moved >= stopped_velocity * VELOCITY_WINDOW_S:
                 return f'{bounds.names[joint]} just now by {moved:.3g} {bounds.units[joint]}'
         return None

@@ -13,7 +13,7 @@ class GateError(RuntimeError):
     """The gate stays closed because it was closed again after the request to open it."""
 
 
-class Enabling:
+class EnableRequest:
     """A pending request to open the gate.
 
     `canceled`: the reason that closed the gate since the request started, or would have closed an
@@ -45,7 +45,7 @@ class ArmGate:
     def __init__(self) -> None:
         self._reason: str | None = 'not enabled since the driver started'
         self._unexplained = False
-        self._under_way: list[Enabling] = []
+        self._under_way: list[EnableRequest] = []
 
     @property
     def reason(self) -> str | None:
@@ -53,20 +53,20 @@ class ArmGate:
         return self._reason
 
     @contextlib.contextmanager
-    def enabling(self, *, motors_on: bool = False) -> Iterator[Enabling]:
+    def enabling(self, *, motors_on: bool = False) -> Iterator[EnableRequest]:
         """Register a request to open the gate for the duration of the `with` block.
 
         Motors that are off cancel the request only after they have been seen on (`motors_on`: they
         already were). Before that, this request is expected to switch them on.
         """
-        enabling = Enabling(motors_on)
+        enabling = EnableRequest(motors_on)
         self._under_way.append(enabling)
         try:
             yield enabling
         finally:
             self._under_way.remove(enabling)
 
-    def open(self, enabling: Enabling) -> None:
+    def open(self, enabling: EnableRequest) -> None:
         """Open the gate for a pending request. Raises GateError if it is canceled or over."""
         if enabling.canceled is not None:
             raise GateError(enabling.canceled)

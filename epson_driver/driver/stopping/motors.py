@@ -63,7 +63,7 @@ MOTOMAN_LOOK = (
 )
 """Checks for the operator when the servos of a Motoman do not switch on."""
 
-Told = tuple[tuple[str, ...], int, int | None]
+ControllerStatus = tuple[tuple[str, ...], int, int | None]
 """Flags, error number and control device, as reported over Remote Ethernet."""
 
 
@@ -74,7 +74,9 @@ class MotorsError(RuntimeError):
     the controller's status after it refused the command, or None.
     """
 
-    def __init__(self, text: str, *, unanswered: bool = False, told: Told | None = None) -> None:
+    def __init__(
+        self, text: str, *, unanswered: bool = False, told: ControllerStatus | None = None
+    ) -> None:
         super().__init__(text)
         self.unanswered = unanswered
         self.told = told
@@ -92,7 +94,7 @@ class Motors(Protocol):
     async def act(self, action: Action, timeout: float) -> None:
         """Execute the action within `timeout` s. Raises MotorsError if it fails."""
 
-    async def tell(self, timeout: float) -> Told | None:
+    async def tell(self, timeout: float) -> ControllerStatus | None:
         """Return the controller's status, requested within `timeout` s, or None if unavailable."""
 
 
@@ -108,7 +110,7 @@ class MotorsByHand:
         """Raise MotorsError."""
         raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
 
-    async def tell(self, timeout: float) -> Told | None:
+    async def tell(self, timeout: float) -> ControllerStatus | None:
         """Return None."""
 
 
@@ -132,27 +134,27 @@ class RemoteEthernetMotors:
     async def act(self, action: Action, timeout: float) -> None:
         """Log in and send the command. Raises MotorsError if it fails."""
         failed: Exception | None = None
-        told: Told | None = None
+        report: ControllerStatus | None = None
         try:
             async with self._turns.urgent(), self._login(timeout) as ask:
                 try:
                     await self._give(ask, action, timeout)
                 except RemoteError as error:
                     failed = error
-                    told = await self._condition(ask)
+                    report = await self._condition(ask)
         except (RemoteError, OSError, TimeoutError) as error:
             failed = failed or error
         if failed is not None:
             raise MotorsError(
                 f'remote port {self._place}: {str(failed) or "no answer"}: {action.value.by_hand}',
                 unanswered=isinstance(failed, TimeoutError),
-                told=told,
+                told=report,
             ) from failed
 
-    async def tell(self, timeout: float) -> Told | None:
+    async def tell(self, timeout: float) -> ControllerStatus | None:
         """Return the status if the port is free, or None if it is in use or does not answer."""
 
-        async def asked() -> Told:
+        async def asked() -> ControllerStatus:
             async with self._login(timeout) as ask:
                 return await self._condition(ask)
 
@@ -162,7 +164,7 @@ class RemoteEthernetMotors:
         except (RemoteError, OSError, TimeoutError):  # GaveWayError is an OSError
             return None
 
-    async def _condition(self, ask: Ask) -> Told:
+    async def _condition(self, ask: Ask) -> ControllerStatus:
         return (*await ask_flags(ask), await ask_control_device(ask))
 
     async def _give(self, ask: Ask, action: Action, _timeout: float) -> None:
@@ -229,7 +231,7 @@ class MotomanMotors:
             todo = MOTOMAN_LOOK if unexplained else commands.by_hand
             raise MotorsError(f'{commands.motoman.name}: {why}: {todo}', unanswered=unanswered)
 
-    async def tell(self, timeout: float) -> Told | None:
+    async def tell(self, timeout: float) -> ControllerStatus | None:
         """Return None."""
 
 
@@ -273,7 +275,7 @@ class SerializedMotors:
                 task.cancel()
             raise
 
-    async def tell(self, timeout: float) -> Told | None:
+    async def tell(self, timeout: float) -> ControllerStatus | None:
         """Return the controller's status, requested independently of the command queue."""
         return await self._way.tell(timeout)
 

@@ -177,7 +177,7 @@ class Stopper:
 
     @property
     def _unseen(self) -> bool:
-        return self._robot.sample is None or self._robot.withheld
+        return self._robot.sample is None or self._robot.joints_unavailable
 
     def stop(self) -> None:
         """Send STOP and supervise it. If it cannot be sent, `doubt` contains the reason."""
@@ -229,7 +229,7 @@ class Stopper:
     async def close(self) -> None:
         """Stop the supervision after the links are closed."""
         self._since = None
-        self._look_no_more()
+        self._stop_polling()
         if self._switching is not None:
             self._switching.cancel()
             await asyncio.gather(self._switching, return_exceptions=True)
@@ -249,7 +249,7 @@ class Stopper:
             self._standstill = Standstill(now)
             # not before the reply is overdue: after a network delay the state may arrive first
             self._standstill.expect(now, max(UNCONFIRMED_REST_TIME_S, ANSWER_TIMEOUT_S))
-            self._look_no_more()
+            self._stop_polling()
             self._looks = 0
             self._look_later()
         self._unsent = None
@@ -292,14 +292,14 @@ class Stopper:
             _log.warning('the arm is at rest %.2f s after STOP', now - (self._since or now))
         self._ours = self._ours and not self._acknowledged
         self._since = None
-        self._look_no_more()
+        self._stop_polling()
         self._changed.notify_all()
         self._on_rest()
 
     def _look_later(self) -> None:
         self._timer = asyncio.get_running_loop().call_later(CHECK_PERIOD_S, self._look)
 
-    def _look_no_more(self) -> None:
+    def _stop_polling(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

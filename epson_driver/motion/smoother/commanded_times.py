@@ -114,9 +114,9 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
         late[early & (late == 0.0)] = lag
     spare = float(request.clock[-1]) - now
     # if less is known than a stop takes, a stop would lose the time again
-    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
-    share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
-    factor = 1.0 + share * (CATCH_UP_RATIO - 1.0)
+    fraction = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
+    fraction = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * fraction)
+    factor = 1.0 + fraction * (CATCH_UP_RATIO - 1.0)
     # no more than needed within the adjacent halves of the intervals at a knot
     ways = np.diff(clock)
     beside = (np.append(ways[:1], ways) + np.append(ways, ways[-1:])) / 2.0
@@ -164,8 +164,8 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
         return None
     bounds = np.flatnonzero(np.diff(timed, prepend=False, append=False))
     runs = [(u[:1], np.array([UNBOUND_SPEED]))] if not timed[0] else []
-    for begin, end in bounds.reshape(-1, 2).tolist():
-        ways = slice(begin, end + 1)
+    for start, end in bounds.reshape(-1, 2).tolist():
+        ways = slice(start, end + 1)
         runs.append(_smooth_speeds(u[ways], clock[ways]))
         if end < len(timed):
             runs.append((u[end : end + 2].mean(keepdims=True), np.array([UNBOUND_SPEED])))

@@ -304,14 +304,14 @@ def _excess(result: LimitUsage) -> Excess:
 
 def _share(excess: list[Excess], nodes: Array) -> Array:
     """Return the share of the limits to use in each interval after the given excesses."""
-    share = np.ones(len(nodes) - 1)
+    fraction = np.ones(len(nodes) - 1)
     for us, ratio in excess:
-        where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(share) - 1)
-        worst = np.ones_like(share)
+        where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(fraction) - 1)
+        worst = np.ones_like(fraction)
         np.maximum.at(worst, where, ratio)
         for _ in range(EXCESS_NEIGHBOURS):
             worst[1:-1] = np.maximum(worst[1:-1], np.maximum(worst[:-2], worst[2:]))
         # reduce everywhere slightly, as a reduction at one place increases the usage elsewhere
         less = np.where(worst > 1.0, EXCESS_MARGIN_RATIO, 1.0) * EXCESS_MARGIN_RATIO
-        share /= np.minimum(less * worst, MAX_LESS_RATIO)
-    return share
+        fraction /= np.minimum(less * worst, MAX_LESS_RATIO)
+    return fraction

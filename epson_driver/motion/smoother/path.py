@@ -201,11 +201,11 @@ def line(kept: Knots, point: Array, limits: JointLimits) -> Path:
     It has no bends, so acceleration and jerk come from the motion along u alone. If slow enough,
     it respects all limits. It stays in the range if its ends are in the range.
     """
-    begin = kept[len(kept.u) - 1 :]
-    ends = np.stack([begin.position[0], point])
+    start = kept[len(kept.u) - 1 :]
+    ends = np.stack([start.position[0], point])
     length = chord_lengths(ends, limits)
     slope = np.tile(np.diff(ends, axis=0) / length, (2, 1))
-    return Path(Knots(np.append(begin.u, begin.u + length), ends, slope, np.zeros_like(ends)))
+    return Path(Knots(np.append(start.u, start.u + length), ends, slope, np.zeros_like(ends)))
 
 
 def through(
@@ -220,7 +220,7 @@ def through(
     """
     chain = np.concatenate([kept.position[-1:], points])
     u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
-    begin = (kept.first[-1], kept.second[-1]) if clamped else None
+    start = (kept.first[-1], kept.second[-1]) if clamped else None
     fixed = 1 if clamped else 0
     low = chain < limits.position_min + AT_LIMIT_DISTANCE
     high = chain > limits.position_max - AT_LIMIT_DISTANCE
@@ -228,7 +228,7 @@ def through(
     level[:fixed] = _FREE
     nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
     held = np.zeros_like(chain)
-    first, _ = _cubic_spline(u, chain, level, held, begin, low, high)
+    first, _ = _cubic_spline(u, chain, level, held, start, low, high)
     # a continuation after the last point must stay within the range, too
     room = np.where(
         first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
@@ -240,7 +240,7 @@ def through(
     held[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
     changed = True
     while changed:
-        first, second = _cubic_spline(u, chain, level, held, begin, low, high)
+        first, second = _cubic_spline(u, chain, level, held, start, low, high)
         for knot, joint in np.argwhere(level == _TURNING):
             second[knot, joint] = _turn(u, chain, first, second, knot, joint, limits)
         path = Path(Knots(u, chain, first, second))
@@ -344,11 +344,11 @@ def _turn(
             continue
         h = u[knot] - u[other]  # negative for the next knot, as if traversed backwards
         # Bernstein coefficients of the distance from the limit, starting at the other knot
-        begin = inward * (points[other, joint] - border)
+        start = inward * (points[other, joint] - border)
         slope = inward * first[other, joint] * h
         bend = inward * second[other, joint] * h**2
-        third = begin + 2.0 * slope / 5.0 + bend / 20.0
-        others = begin + (5.0 * begin + slope) * _TURN_SAMPLES + 10.0 * third * _TURN_SAMPLES**2
+        third = start + 2.0 * slope / 5.0 + bend / 20.0
+        others = start + (5.0 * start + slope) * _TURN_SAMPLES + 10.0 * third * _TURN_SAMPLES**2
         others += room * (5.0 * _TURN_SAMPLES**4 + _TURN_SAMPLES**5)
         fourth = max(float(np.max(-others / (10.0 * _TURN_SAMPLES**3))), -LEAST_TURN_SHARE * third)
         least = max(least, 20.0 * (fourth - room) / h**2)

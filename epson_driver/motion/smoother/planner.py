@@ -37,12 +37,12 @@ def _pause(problem: Problem) -> TimeParametrisation | None:
     hardest = ruckig_move.gentle_stop(problem.start, problem.path, problem.limits, 1.0)
     if hardest is None:
         return None
-    begin = problem.start[0]
+    first = problem.start[0]
     for reach in REACHES_IN_BRAKING_DISTANCES:
-        end = begin + reach * (hardest.end - begin)
-        if not begin < end < problem.end:
+        end = first + reach * (hardest.end - first)
+        if not first < end < problem.end:
             return None
-        timing = _rest_at(problem, _until(problem.path, begin, end))
+        timing = _rest_at(problem, _until(problem.path, first, end))
         if timing is not None:
             return timing
     return None
@@ -103,20 +103,20 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     at_rest = len(request.kept.u) == 1
     if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
         # only one path leads from one rest to the next, and no later plan continues from it
-        found = _straight(request, limits)
-        if found is not None:
-            return found
-    found = _fresh(request, first, limits, effort)
-    for share in () if at_rest else BRANCH_SHARES:
-        if found is None:
-            found = _branch(request, share, limits, effort)
-    if found is None and not effort.used_up:
-        found = _fresh(request, first, limits, effort, optimal.SHORT_RAMP_TIME_S)
-    if found is None and at_rest:
+        result = _straight(request, limits)
+        if result is not None:
+            return result
+    result = _fresh(request, first, limits, effort)
+    for fraction in () if at_rest else BRANCH_SHARES:
+        if result is None:
+            result = _branch(request, fraction, limits, effort)
+    if result is None and not effort.used_up:
+        result = _fresh(request, first, limits, effort, optimal.SHORT_RAMP_TIME_S)
+    if result is None and at_rest:
         return _straight(request, limits)
-    if found is None and request.urgent:
+    if result is None and request.urgent:
         return _simple(request, first, limits)
-    return found
+    return result
 
 
 def _fresh(
@@ -141,9 +141,9 @@ def _branch(request: Request, share: float, limits: JointLimits, effort: Effort)
     former, older = request.former, request.older
     if former is None or older is None or effort.used_up:
         return None
-    begin = share * former.duration
-    state = former.at(begin)
-    head = former.part(0.0, begin)
+    first = share * former.duration
+    state = former.at(first)
+    head = former.part(0.0, first)
     if head is None or state[0] >= older.u[-1]:
         return None
     path = _path(request, older, limits)
@@ -151,8 +151,8 @@ def _branch(request: Request, share: float, limits: JointLimits, effort: Effort)
     later = dataclasses.replace(
         request,
         state=state,
-        former=former.part(begin),
-        lag=request.lag + begin - float(clock[1] - clock[0]),
+        former=former.part(first),
+        lag=request.lag + first - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
     path, problem, bounds = within_horizon(later, path, limits, effort)

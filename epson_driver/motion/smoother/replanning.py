@@ -127,16 +127,16 @@ class Replanning:
             if answer is None and execution.paused and not execution.held and plan is not None:
                 execution.rest_between(plan, plan.timing.end)
             return False
-        begin = now if answer.start is None else answer.start
+        first = now if answer.start is None else answer.start
         if answer.start is None and self._planner is not None:
-            begin += self.latency
+            first += self.latency
         count = len(answer.knots.u)
         execution.next = ActivePlan(
             Path(answer.knots),
             answer.timing,
             pending.route[:count],
             pending.request.clock[:count],
-            begin,
+            first,
             pending.request.pause,
         )
         short = count < len(pending.route) or answer.timing.end < answer.knots.u[-1]

@@ -96,7 +96,7 @@ def _fastest(
     A speed can also be too low: a state that is too fast for it makes the move reverse.
     """
     low, high = velocity * MIN_SPEED_SHARE, velocity
-    found: TimeParametrisation | None = None
+    result: TimeParametrisation | None = None
     for turn in range(SPEED_BISECTIONS):
         if problem.effort.used_up:
             break
@@ -105,12 +105,12 @@ def _fastest(
         if timing is not None and problem.usage(timing).allowed:
             if turn == 0:
                 return timing
-            found, low = timing, speed
+            result, low = timing, speed
         elif turn > 0 and timing is not None and timing.velocities.min() < -BACKWARD_SPEED:
             low = speed
         else:
             high = speed
-    return found
+    return result
 
 
 def stop(problem: Problem) -> TimeParametrisation | None:
@@ -185,10 +185,10 @@ def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
     limits = problem.limits
-    share = np.max(np.abs(first), axis=0)
-    steepest = np.where(share > 0.0, share, np.inf)
+    fraction = np.max(np.abs(first), axis=0)
+    steepest = np.where(fraction > 0.0, fraction, np.inf)
     return (
         min(float(np.max(problem.wanted(us, first))), MAX_SPEED),
-        float(np.min(np.where(share > 0.0, limits.acceleration / steepest, np.inf))),
-        float(np.min(np.where(share > 0.0, limits.jerk / steepest, np.inf))),
+        float(np.min(np.where(fraction > 0.0, limits.acceleration / steepest, np.inf))),
+        float(np.min(np.where(fraction > 0.0, limits.jerk / steepest, np.inf))),
     )

@@ -87,12 +87,12 @@ class Smoother:
         A moving arm leaves its motion for the first of them in joint space, and rests there for an
         instant. An arm that is `held` comes to rest. Raises like `append`.
         """
-        each = [None] * len(points) if durations is None else durations
-        if len(each) != len(points):
-            raise ValueError(f'{len(each)} durations for {len(points)} points')
+        item = [None] * len(points) if durations is None else durations
+        if len(item) != len(points):
+            raise ValueError(f'{len(item)} durations for {len(points)} points')
         checked = [
             self._waypoints.checked(point, duration, f'point {index}')
-            for index, (point, duration) in enumerate(zip(points, each, strict=True))
+            for index, (point, duration) in enumerate(zip(points, item, strict=True))
         ]
         move = None
         if self._execution.in_motion and checked and not self.held:
@@ -102,7 +102,7 @@ class Smoother:
             self._execution.stop()
         else:
             self._execution.move_off_the_path(move)
-        for point, duration in zip(checked, each, strict=True):
+        for point, duration in zip(checked, item, strict=True):
             self.append(point, duration)
 
     def change_limits(self, limits: JointLimits) -> None:

@@ -83,9 +83,9 @@ def _samples(problem: Problem) -> Array:
     knots = problem.path.knots.u
     first = problem.path.segment(problem.start[0])
     knots = np.concatenate(([problem.start[0]], knots[first + 1 :]))
-    each = max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
+    item = max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
     if len(knots) > MANY_KNOTS:
-        each = 1
-    inside = np.arange(each) / each
+        item = 1
+    inside = np.arange(item) / item
     us = knots[:-1, None] + np.diff(knots)[:, None] * inside
     return np.concatenate((us.ravel(), knots[-1:]))

@@ -98,8 +98,8 @@ class Arch:
             left = falls
         parts: list[Part] = []
         for leg in left:
-            origin, begin = (parts[-1].move.end, parts[-1].end) if parts else (start, 0.0)
-            parts.append(Part(begin, origin, leg.from_rest(origin, low_power)))
+            origin, first = (parts[-1].move.end, parts[-1].end) if parts else (start, 0.0)
+            parts.append(Part(first, origin, leg.from_rest(origin, low_power)))
         self._across = parts[left.index(span)] if span in left else None
         return parts
 
@@ -121,12 +121,12 @@ class Arch:
             ),
         )
         across = go_along(left, span.curve, speed)
-        up, *downs = (go_along(half, *each) for each in beside)
+        up, *downs = (go_along(half, *item) for item in beside)
         self._across = Part(up.when(self._leave), rise.end, across)
         parts = [Part(0.0, rise.begin, up), self._across]
         for down in downs:
-            begin = max(self._across.end - down.when(self._join), up.duration)
-            parts.append(Part(begin, span.end, down))
+            start = max(self._across.end - down.when(self._join), up.duration)
+            parts.append(Part(start, span.end, down))
         return parts
 
     def check(self) -> None:
@@ -134,14 +134,14 @@ class Arch:
         rise, span, *falls = self._legs
         corners = [
             (rise, self._leave, 1.0, rise.end),
-            *((each, 0.0, self._join, span.end) for each in falls),
+            *((fall, 0.0, self._join, span.end) for fall in falls),
         ]
         for leg, first, last, corner in corners:
             shares = np.linspace(first, last, CHECKS).tolist()
-            ways = np.array([leg.curve.at(share)[0] for share in shares]), span.curve.samples
+            ways = np.array([leg.curve.at(fraction)[0] for fraction in shares]), span.curve.samples
             away = [way - corner for way in ways]  # each is 0 at the corner
-            least = corner + sum(np.min(each, axis=0) for each in away)
-            most = corner + sum(np.max(each, axis=0) for each in away)
+            least = corner + sum(np.min(item, axis=0) for item in away)
+            most = corner + sum(np.max(item, axis=0) for item in away)
             check_range(self._limits, np.array([least, most]))
 
 

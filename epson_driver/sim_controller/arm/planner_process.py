@@ -94,8 +94,8 @@ class PlannerProcess:
         self._watchdog = asyncio.get_running_loop().call_later(
             PLAN_TIMEOUT_S, self._child.kill_hung
         )
-        told, self._limits = self._limits, limits
-        self._child.send((request, None if limits is told else limits))
+        report, self._limits = self._limits, limits
+        self._child.send((request, None if limits is report else limits))
 
     async def run(
         self,
@@ -180,7 +180,7 @@ class _Child:
         try:
             return await next_value(self._answers, PASSED_TYPES)
         except (OSError, EOFError):
-            raise PlannerError(await self._fate()) from None
+            raise PlannerError(await self._exit_reason()) from None
         except ValueError as error:
             raise PlannerError(f'sent {error}') from error
 
@@ -192,7 +192,7 @@ class _Child:
         await end_worker(self._process)
         await self._words
 
-    async def _fate(self) -> str:
+    async def _exit_reason(self) -> str:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(EXIT_TIMEOUT_S):
                 await self._process.wait()

@@ -397,18 +397,18 @@ class PointToPoint:
             return
         # Only two moves may overlap.
         others_end = self._segments[-2].end if len(self._segments) > 1 else 0.0
-        begin, overlap = max(self._now, statement.ready, others_end), 0.0
+        start, overlap = max(self._now, statement.ready, others_end), 0.0
         for _ in range(OVERLAP_ATTEMPTS):
             segment = self._segment(statement, last.motion.end, overlap)
-            begin = max(begin, self._overlap_begin(last, segment, begin))
-            if begin >= last.end:
+            start = max(start, self._overlap_begin(last, segment, start))
+            if start >= last.end:
                 return
-            segment.begin = begin
-            if statement.duration == 0.0 or last.end - begin <= overlap:
+            segment.begin = start
+            if statement.duration == 0.0 or last.end - start <= overlap:
                 self._segments.append(segment)
                 self._begin(self._queue.popleft())
                 return
-            overlap = last.end - begin
+            overlap = last.end - start
 
     def _overlap_begin(self, last: Segment, segment: Segment, earliest: float) -> float:
         """Return the earliest permitted start of a segment, s, not before `earliest`."""
@@ -430,11 +430,11 @@ class PointToPoint:
         """Replace the current motions by a stop."""
         if not self._segments:
             return
-        begun = [
+        started = [
             segment for segment in self._segments if segment.begin < self._now
         ] or self._segments[:1]
-        if len(begun) == 1:
-            motion: Stop = begun[0].motion.stop(self._now - begun[0].begin)
+        if len(started) == 1:
+            motion: Stop = started[0].motion.stop(self._now - started[0].begin)
         else:
             motion = stop_joints(self.limits, *self._state())
         self._segments.clear()

@@ -172,7 +172,7 @@ class SimulatedArm:
 
     `executor` commands the joints, and the servos follow. After an open door has interrupted a
     motion, the arm returns within `caps` to the point of interruption while the executor waits.
-    `lend` lets another executor command the joints temporarily.
+    `switch_executor` lets another executor command the joints temporarily.
     """
 
     def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
@@ -216,7 +216,7 @@ class SimulatedArm:
             execute(dt)
         self.servo.step(self.commanded, dt)
 
-    def lend(self, executor: Executor) -> None:
+    def switch_executor(self, executor: Executor) -> None:
         """Switch to another executor until it is at rest. The arm must be at rest now."""
         if self.executor is not executor:
             executor.settle(self.commanded)

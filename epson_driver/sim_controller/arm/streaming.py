@@ -273,7 +273,7 @@ class Streaming:
         self._smoother.step(dt)
         self._look()
         if self._smoother.violations > violations:
-            self._averted()
+            self._on_limit_violation()
         self._braking = self._braking and self._smoother.moving
         ahead = max(self._smoother.points_ahead - 1, 0)
         self.begun = max(self.begun, self._taken - ahead)
@@ -285,7 +285,7 @@ class Streaming:
                 self._asked_at = self._now
                 self._planner.ask(request, self._smoother.limits, self._answered)
 
-    def _averted(self) -> None:
+    def _on_limit_violation(self) -> None:
         """Report that the smoother brakes instead of exceeding a limit. Its points are lost."""
         self._timing.violations += 1
         self._forget_request()
@@ -306,14 +306,14 @@ class Streaming:
     def _duration(self, point: Point) -> float | None:
         if self._uses.duration and point.duration > 0.0:
             return point.duration
-        share = point.velocity if self._uses.velocity else 0.0
+        fraction = point.velocity if self._uses.velocity else 0.0
         if self._uses is FieldsUsed.NOTHING:
-            share = self.speed
-        if not 0.0 < share < 1.0:
+            fraction = self.speed
+        if not 0.0 < fraction < 1.0:
             return None
         origin = self._position if self._goal is None else self._goal
         distance = float(np.max(np.abs(point.target - origin) / self.limits.velocity))
-        return distance / share or None
+        return distance / fraction or None
 
     def _answered(self, plan: Plan | None) -> None:
         request, self._request = self._request, None

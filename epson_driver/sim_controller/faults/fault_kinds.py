@@ -283,7 +283,10 @@ def parse(text: str) -> Fault:
             )
         given[key] = value
     ports = _ports(name, kind, given.pop('port')) if 'port' in given else kind.default_ports
-    values = {each.name: _value(name, each, given.get(each.name)) for each in kind.parameters}
+    values = {
+        parameter.name: _value(name, parameter, given.get(parameter.name))
+        for parameter in kind.parameters
+    }
     return on_ports(Fault(name, values), ports)
 
 
@@ -313,19 +316,19 @@ def describe(names: Iterable[str] = FAULTS) -> str:
     lines = []
     for name in names:
         kind = FAULTS[name]
-        said = [kind.text, *(f'{key}: {text}' for key, text in parameter_texts(kind).items())]
+        message = [kind.text, *(f'{key}: {text}' for key, text in parameter_texts(kind).items())]
         lines.append(name)
-        for each in said:
-            lines += wrap(each, COLUMNS, initial_indent=' ' * 4, subsequent_indent=' ' * 6)
+        for item in message:
+            lines += wrap(item, COLUMNS, initial_indent=' ' * 4, subsequent_indent=' ' * 6)
     return '\n'.join(lines)
 
 
 def parameter_texts(kind: Kind) -> dict[str, str]:
     """Return each parameter's meaning, range and default."""
     texts = {}
-    for each in kind.parameters:
-        default = 'none' if each.default is None else each.write(each.default)
-        texts[each.name] = f'{each.text} ({each.range}; {default})'
+    for parameter in kind.parameters:
+        default = 'none' if parameter.default is None else parameter.write(parameter.default)
+        texts[parameter.name] = f'{parameter.text} ({parameter.range}; {default})'
     if kind.ports:
         default = '+'.join(kind.default_ports)
         texts['port'] = f'ports ({", ".join(kind.ports)}, several with +, all; {default})'
@@ -333,7 +336,7 @@ def parameter_texts(kind: Kind) -> dict[str, str]:
 
 
 def _keys(kind: Kind) -> tuple[str, ...]:
-    names = tuple(each.name for each in kind.parameters)
+    names = tuple(parameter.name for parameter in kind.parameters)
     return (*names, 'port') if kind.ports else names
 
 

@@ -88,7 +88,7 @@ class ActiveFault:
         """Whether it has affected the requested number of messages."""
         return self._left == 0
 
-    def strikes(self, message: bytes) -> bool:
+    def affects(self, message: bytes) -> bool:
         """Return whether it affects this message, and count the message."""
         if self.fault.kind.replies and not is_reply(message):
             return False
@@ -184,8 +184,8 @@ class Faults:
         """
         if name is not None and name not in FAULTS:
             raise FaultError(f'{name!r} is not a fault: must be one of {", ".join(FAULTS)}')
-        meant = [each for each in self._active if name in (None, each.fault.name)]
-        ended = [each for each in meant if not (each.begun and each.fault.kind.boots)]
+        meant = [item for item in self._active if name in (None, item.fault.name)]
+        ended = [item for item in meant if not (item.begun and item.fault.kind.boots)]
         if name is not None and not ended:
             reason = 'it cannot be cleared: it ends automatically' if meant else 'it is not active'
             raise FaultError(f'{name}: {reason}')
@@ -196,7 +196,7 @@ class Faults:
 
     def active(self) -> list[str]:
         """Return each fault that has not ended, in one line without commas."""
-        return [each.text(self._clock.now) for each in self._active]
+        return [item.text(self._clock.now) for item in self._active]
 
     # Notifications and queries of the controller.
 
@@ -234,15 +234,15 @@ class Faults:
 
     def disturbing(self, port: str) -> list[ActiveFault]:
         """Return the faults that affect messages of this port, in the order of their start."""
-        return [each for each in self._begun(port) if each.fault.name in DISTURBANCES]
+        return [item for item in self._begun(port) if item.fault.name in DISTURBANCES]
 
-    def struck(self, active: ActiveFault) -> None:
+    def on_triggered(self, active: ActiveFault) -> None:
         """Called when a fault affected a message. The last message of its count ends it."""
         if active.used_up:
             self._end(active)
 
     def _begun(self, port: str) -> Iterator[ActiveFault]:
-        return (each for each in self._active if each.begun and port in each.fault.ports)
+        return (item for item in self._active if item.begun and port in item.fault.ports)
 
     def _begin(self, active: ActiveFault) -> None:
         fault = active.fault

@@ -101,7 +101,7 @@ class FaultyTransport:
             (active, known.get(active) or active.chance(self.port, self._serial))
             for active in self._faults.disturbing(self.port)
         ]
-        self._silent = any(each.fault.name == 'half_open' for each, _ in self._disturbing)
+        self._silent = any(item.fault.name == 'half_open' for item, _ in self._disturbing)
         if self._silent:
             self._forget_held()
         elif self._hole:
@@ -117,9 +117,9 @@ class FaultyTransport:
         for active, chance in tuple(self._disturbing):
             if not outgoing.data:
                 break
-            if active.strikes(message):
+            if active.affects(message):
                 DISTURBANCES[active.fault.name](outgoing, active.fault, chance)
-                self._faults.struck(active)
+                self._faults.on_triggered(active)
         if outgoing.data and not self._closed:
             self._hold(outgoing)
 

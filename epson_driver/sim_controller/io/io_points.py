@@ -144,15 +144,15 @@ class IoPoints:
 
     def ranges(self) -> tuple[IoRange, ...]:
         """Return the ranges of existing points."""
-        found = []
+        result = []
         for io_type, kind in _KINDS.items():
             features = IoFeature.STREAMING
             if kind.writable:
                 features |= IoFeature.RESET
-            found += [
+            result += [
                 IoRange(io_type, start, count, features) for start, count in self._spans(io_type)
             ]
-        return tuple(found)
+        return tuple(result)
 
     def check_range(self, io_type: int, start: int, count: int) -> None:
         """Raise IoError unless a range is not empty and all its points exist."""

@@ -82,7 +82,7 @@ class ControllerServers:
         self.pacer = Pacer(controller)
         rules = port_rules(controller.profile.server)
         self._turn = asyncio.Lock()
-        self._servers = [PortServer(each, self.pacer, self._turn) for each in rules]
+        self._servers = [PortServer(rule, self.pacer, self._turn) for rule in rules]
         self._host = ''
         self._program_ports = program_ports or {}
         if spel is not None:

@@ -44,10 +44,10 @@ from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import (
     Entry,
     PointQueue,
+    as_point_frame,
     limits_rejection,
     numbers_rejection,
     sequence_of,
-    taken_for_point,
     target_of,
 )
 from epson_driver.simple_message import (
@@ -137,7 +137,7 @@ class MotionProgram:
 
     def receive(self, frame: Frame) -> None:
         """Execute, queue or refuse one frame."""
-        taken = taken_for_point(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
+        taken = as_point_frame(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
         if taken is None or taken.comm_type == CommType.SERVICE_REPLY:
             _log.warning('not answered: message type %d', frame.msg_type)
             return
@@ -373,7 +373,7 @@ class MotionProgram:
         self._answer(entry.reply_to, ReplyCode.FAILURE)
         self._queue.drop()
         self.detach()
-        self._controller.clients.dismiss('motion')
+        self._controller.clients.disconnect_after_flush('motion')
 
     def _answer_success(self, entry: Entry) -> None:
         self._answer(entry.reply_to, ReplyCode.SUCCESS)

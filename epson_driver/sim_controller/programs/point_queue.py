@@ -40,7 +40,7 @@ POINT_REALS = 12
 """Reals in a JOINT_TRAJ_PT, after the sequence: ten joints, velocity and duration."""
 
 
-def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:
+def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
     """Return the frame that a program reads in the given one, whose points have `size` bytes.
 
     Return None if it cannot be read. `accepts`: `program.accepts` of a profile.

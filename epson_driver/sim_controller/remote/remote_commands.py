@@ -128,7 +128,7 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
         if not command.beside:
             text = 'a statement is being executed: wait for its end, or Abort'
             raise CommandError(RemoteErrorNumber.EXECUTING, text)
-        needed = tuple(each for each in needed if each is not requirements.READY)
+        needed = tuple(item for item in needed if item is not requirements.READY)
     parameters = [] if rest is None else [rest] if command.whole else rest.split(',')
     if not command.whole:
         parameters = [part.strip() for part in parameters]

@@ -119,9 +119,9 @@ def _points(controller: Controller, name: str) -> str:
     """Return the number of points, and the points that are on or their analogue values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
-    for found in controller.io.ranges():
-        if found.io_type == io_type:
-            values += controller.io.read_range(io_type, found.start, found.count)
+    for result in controller.io.ranges():
+        if result.io_type == io_type:
+            values += controller.io.read_range(io_type, result.start, result.count)
     shown = values if io_type in _ANALOG else [at for at, value in enumerate(values) if value]
     return f'{name}={len(values)}:{" ".join(map(str, shown))}'
 

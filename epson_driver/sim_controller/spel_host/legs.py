@@ -62,7 +62,7 @@ class JointLeg:
         most = _shared(self._model.limits, *self._shares(way, low_power, share))
         with np.errstate(divide='ignore'):
             v, a, j = (
-                np.min(each / way) for each in (most.velocity, most.acceleration, most.jerk)
+                np.min(item / way) for item in (most.velocity, most.acceleration, most.jerk)
             )
         return most, CurveSpeed(float(v), float(a), float(j))
 
@@ -140,7 +140,7 @@ def over(
     heights: of the moves up and down, m. The corners are rounded if both exceed the heights of the
     arch (p477).
     """
-    arch = [request.numbers.get(each, math.inf) / _MM for each in ('depart', 'approach')]
+    arch = [request.numbers.get(item, math.inf) / _MM for item in ('depart', 'approach')]
     gate = [leg.point for leg in legs]
     there = np.allclose(legs[1].begin, legs[1].end, rtol=0.0, atol=SHORTEST_PATH)
     if not (arch[0] < heights[0] and arch[1] < heights[1]) or there:
@@ -163,8 +163,8 @@ def rest_at(joints: Array) -> Point:
 
 
 def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
-    share = LOW_POWER if low_power else 1.0
-    return _shared(robot.controller.model.limits, share, share)
+    fraction = LOW_POWER if low_power else 1.0
+    return _shared(robot.controller.model.limits, fraction, fraction)
 
 
 def _shared(limits: JointLimits, speed: float, accel: float) -> JointLimits:

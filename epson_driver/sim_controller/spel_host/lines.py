@@ -64,47 +64,49 @@ class _JumpError(ValueError):
 class _Looks:
     def __init__(self, kinematics: Kinematics, path: PosePath, start: Array, looks: int) -> None:
         self._kinematics = kinematics
-        self._poses = [path.pose(share) for share in np.linspace(0.0, 1.0, looks + 1).tolist()]
+        self._poses = [
+            path.pose(fraction) for fraction in np.linspace(0.0, 1.0, looks + 1).tolist()
+        ]
         self._rows = [start]
         self._behind = 0  # number of samples whose singularities are passed
 
     def joints(self, through: bool) -> Array:
         while (place := len(self._rows)) < len(self._poses):
             near = self._rows[-1]
-            found = self._kinematics.inverse(self._poses[place], near)
+            result = self._kinematics.inverse(self._poses[place], near)
             at = f'at {place / (len(self._poses) - 1) * 100.0:.0f} % of the path'
-            if not len(found):
+            if not len(result):
                 raise ValueError(f'out of reach {at}')
-            if np.max(np.abs(found[0] - near)) <= MAX_JOINT_STEP:
-                self._rows.append(found[0])
+            if np.max(np.abs(result[0] - near)) <= MAX_JOINT_STEP:
+                self._rows.append(result[0])
             elif not (through and self._passed()):
                 raise _JumpError(f'a joint would have to jump {at}')
         return np.array(self._rows)
 
     def _passed(self) -> bool:
         """Try to go through the last singularity. Return whether it succeeded."""
-        begin = len(self._rows) - 1
-        while begin > self._behind and not self._near(self._rows[begin]):
-            begin -= 1
-        if not self._near(self._rows[begin]):
+        start = len(self._rows) - 1
+        while start > self._behind and not self._near(self._rows[start]):
+            start -= 1
+        if not self._near(self._rows[start]):
             return False
-        while begin > self._behind and self._near(self._rows[begin]):
-            begin -= 1
-        entry = self._rows[begin]
+        while start > self._behind and self._near(self._rows[start]):
+            start -= 1
+        entry = self._rows[start]
         side = self._sides(entry)
-        for end in range(begin + 2, len(self._poses)):
-            found = self._kinematics.inverse(self._poses[end], entry)
-            if not len(found):
+        for end in range(start + 2, len(self._poses)):
+            result = self._kinematics.inverse(self._poses[end], entry)
+            if not len(result):
                 return False
-            near = self._near(found[0]) and end < len(self._poses) - 1
-            beyond = np.any(self._sides(found[0]) * side <= 0.0)
-            if near or not beyond or np.max(np.abs(found[0] - entry)) > np.pi / 2.0:
+            near = self._near(result[0]) and end < len(self._poses) - 1
+            beyond = np.any(self._sides(result[0]) * side <= 0.0)
+            if near or not beyond or np.max(np.abs(result[0] - entry)) > np.pi / 2.0:
                 continue
-            rows = [entry, *self._between(begin, end, entry, found[0])]
-            fits = len(rows) > end - begin
+            rows = [entry, *self._between(start, end, entry, result[0])]
+            fits = len(rows) > end - start
             fits = fits and np.max(np.abs(np.diff(rows, axis=0))) <= MAX_JOINT_STEP
             if fits:
-                self._rows[begin:], self._behind = rows, end
+                self._rows[start:], self._behind = rows, end
             return bool(fits)
         return False
 

@@ -46,12 +46,12 @@ def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint]:
     """Return the points as LJM converts them, each from the previous one (p479)."""
-    near, found = robot.motion.start, list(request.points)
+    near, result = robot.motion.start, list(request.points)
     if (number := request.numbers.get('ljm')) is not None:
-        for index, point in enumerate(found):
-            found[index] = robot.points.least_motion(point, near, round(number))
-            near = robot.points.joints(found[index], near)
-    return found
+        for index, point in enumerate(result):
+            result[index] = robot.points.least_motion(point, near, round(number))
+            near = robot.points.joints(result[index], near)
+    return result
 
 
 def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -73,7 +73,7 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     up, across = start.copy(), target.copy()
     up[2] = across[2] = lim_z
     stops = start, up, across, target
-    legs = [JointLeg(robot, begin, end) for begin, end in pairwise(stops)]
+    legs = [JointLeg(robot, first, end) for first, end in pairwise(stops)]
     return over(robot, request, legs, (lim_z - start[2], lim_z - target[2]))
 
 
@@ -89,9 +89,9 @@ def _line(
     via = None
     if request.name in ('arc', 'arc3'):
         through = not request.numbers.keys() & {'angle', 'path'}
-        for each in request.points if through else request.points[-1:]:
-            if robot.points.other_hand(each, start):
-                text = f'{each} has another hand (/R or /L) than the arm: Go there, or change it'
+        for item in request.points if through else request.points[-1:]:
+            if robot.points.other_hand(item, start):
+                text = f'{item} has another hand (/R or /L) than the arm: Go there, or change it'
                 raise bad(name, text)  # p106
         via = _passed(robot, request, start)
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
@@ -120,9 +120,9 @@ def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPo
     if not numbers.keys() & {'angle', 'path'}:
         return robot.points.stored(request.points[0])
     ends = (robot.points.place(start), robot.points.stored(request.points[-1]))
-    begin, end = (np.array(each.values[:3]) for each in ends)
+    first, end = (np.array(item.values[:3]) for item in ends)
     level = np.array([1.0, 1.0, request.name == 'arc3'])
-    chord, middle = (end - begin) * level, (begin + end) / 2.0
+    chord, middle = (end - first) * level, (first + end) / 2.0
     half = float(np.linalg.norm(chord)) / 2.0
     angle, path = numbers.get('angle', 0.0), numbers.get('path', ARC_SHORT)
     if path not in (ARC_SHORT, ARC_LONG):
@@ -202,11 +202,11 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Near the points, not over them: a motion starts while the previous one decelerates."""
-    near, found = robot.motion.start, []
+    near, result = robot.motion.start, []
     for point in _least_motion(robot, request):
         near = robot.points.joints(point, near)
-        found.append(replace(rest_at(near), cp=True))
-    return found
+        result.append(replace(rest_at(near), cp=True))
+    return result
 
 
 def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:

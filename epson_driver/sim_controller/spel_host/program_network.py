@@ -114,27 +114,27 @@ class ProgramNetwork:
 
     def rejection(self, port: str) -> str | None:
         """Return why a client of a port cannot be served now, or None."""
-        found = self._open(port)
-        if found is None:
+        result = self._open(port)
+        if result is None:
             return f'the program has not opened the {port} port'
-        if found.orphaned:
+        if result.orphaned:
             return f'the task that opened the {port} port has ended'
-        if found.connected:
+        if result.connected:
             return f'the {port} port already has a client'
-        if found.taken:
+        if result.taken:
             return f'the {port} port has lost its client, and the program has not reopened it yet'
         return None
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
         """Serve an accepted client."""
-        found = self._open(port)
-        if found is None:
+        result = self._open(port)
+        if result is None:
             raise ConnectionRefusedError(self.rejection(port))
-        found.begin(send, close)
-        return found
+        result.begin(send, close)
+        return result
 
     def _open(self, port: str) -> PortObject | None:
-        return next((each for each in self._objects.values() if each.name == port), None)
+        return next((item for item in self._objects.values() if item.name == port), None)
 
     # The program
 
@@ -178,18 +178,18 @@ class ProgramNetwork:
 
     def close_net(self, port: int) -> None:
         """Close a port object if it is open."""
-        found = self._objects.pop(port, None)
-        if found is not None:
-            found.end()
+        result = self._objects.pop(port, None)
+        if result is not None:
+            result.end()
 
-    def orphan_net(self, port: int) -> None:
+    def release_owner(self, port: int) -> None:
         """Refuse new clients, because the task that opened a port object has ended.
 
         A connected client stays connected without answers until a task closes or reopens the port.
         """
-        found = self._objects.get(port)
-        if found is not None:
-            found.orphaned = True
+        result = self._objects.get(port)
+        if result is not None:
+            result.orphaned = True
 
     def close_all(self) -> None:
         """Close all ports of the program."""
@@ -198,13 +198,13 @@ class ProgramNetwork:
 
     def connected(self, port: int) -> bool:
         """Return whether a port object has a client."""
-        found = self._objects.get(port)
-        return found is not None and found.connected
+        result = self._objects.get(port)
+        return result is not None and result.connected
 
     def received(self, port: int) -> bytes:
         """Return the client's unread bytes."""
-        found = self._objects.get(port)
-        return bytes(found.unread) if found is not None else b''
+        result = self._objects.get(port)
+        return bytes(result.unread) if result is not None else b''
 
     def take(self, port: int, count: int) -> bytes:
         """Remove and return the first unread bytes."""
@@ -215,10 +215,10 @@ class ProgramNetwork:
 
     def send(self, port: int, data: bytes) -> None:
         """Send to the client. Raises SpelError 2902 if it has disconnected."""
-        found = self._objects.get(port)
-        if found is None:
+        result = self._objects.get(port)
+        if result is None:
             raise SpelError(NO_PEER, f'port {port} has no peer')
-        found.send(data)
+        result.send(data)
 
 
 def _nobody(_port: object) -> None:

@@ -66,7 +66,7 @@ def apply(
 
 
 def _set(controller: Controller, name: str, arguments: Arguments) -> None:
-    numbers = tuple(float(each) for each in arguments if isinstance(each, int | float))
+    numbers = tuple(float(argument) for argument in arguments if isinstance(argument, int | float))
     if name == 'Accel' and max(numbers) > MOST_ACCEL:
         text = f'Accel {max(numbers):g}: this robot takes up to AccelMax, {MOST_ACCEL} %'
         raise SpelError(SpelNumber.ARGUMENT, text)
@@ -132,12 +132,14 @@ def _cp(robot: RobotContext, _: Arguments, words: Words) -> None:
 
 
 def _lim_z(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
-    (height,) = (float(each) for each in arguments if isinstance(each, int | float))
+    (height,) = (float(argument) for argument in arguments if isinstance(argument, int | float))
     robot.motion.lim_z = height / MM
 
 
 def _home_set(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
-    numbers = tuple(round(float(each)) for each in arguments if isinstance(each, int | float))
+    numbers = tuple(
+        round(float(argument)) for argument in arguments if isinstance(argument, int | float)
+    )
     try:
         robot.points.joints(Point('pulses', tuple(map(float, numbers))), robot.here)
     except SpelError as error:

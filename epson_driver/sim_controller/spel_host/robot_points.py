@@ -133,7 +133,7 @@ class RobotPoints:
         return Point(
             'xy',
             (*without_rounding(where * _MM), *without_rounding(np.degrees(turn))),
-            (*(each for each in flags if each not in _USUAL), *self._left_open(angles)),
+            (*(flag for flag in flags if flag not in _USUAL), *self._left_open(angles)),
         )
 
     def _left_open(self, angles: Array) -> Iterator[str]:
@@ -162,8 +162,8 @@ class RobotPoints:
             point = replace(point, flags=tuple(flags))
         names = ('hand', 'elbow', 'wrist', 'j6flag', 'j4flag')
         groups = [POSTURES[name] for name in names[: 1 if self._model.kind == SCARA else None]]
-        told = [next((f for f in point.flags if f in group), group[0]) for group in groups]
-        return replace(point, flags=(*told, *(f for f in point.flags if f not in told)))
+        report = [next((f for f in point.flags if f in group), group[0]) for group in groups]
+        return replace(point, flags=(*report, *(f for f in point.flags if f not in report)))
 
     def other_hand(self, point: Point, joints: Array) -> bool:
         """Return whether a point specifies the other hand than joint angles, shape (n,)."""
@@ -221,12 +221,12 @@ class RobotPoints:
         if not free and self._model.kind != SCARA:
             usual[3] = 0.0  # where joints 4 and 6 are in line, joint 6 turns alone (p79)
         for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
-            told = next((flag for flag in point.flags if flag.startswith(mark)), mark)
-            usual[joint] = math.radians(float(told[3:] or 0))
-        found = self._solutions(point, self._pose(point), usual)
-        fitting = found if free else [each for each in found if self._fits(point, each)]
+            report = next((flag for flag in point.flags if flag.startswith(mark)), mark)
+            usual[joint] = math.radians(float(report[3:] or 0))
+        result = self._solutions(point, self._pose(point), usual)
+        fitting = result if free else [item for item in result if self._fits(point, item)]
         if not len(fitting):
-            why = ': in another posture it is not' if len(found) else ''
+            why = ': in another posture it is not' if len(result) else ''
             raise SpelError(UNREACHABLE, f'{point} is out of reach{why}')
         return np.asarray(min(fitting, key=lambda each: float(np.linalg.norm(each - near))))
 
@@ -256,9 +256,13 @@ class RobotPoints:
             moves = np.abs(joints - near)
             return [*moves[first].round(6).tolist(), float(np.linalg.norm(moves))]
 
-        found = [each for each in self._solutions(point, self._pose(point), near) if suits(each)]
-        if found:
-            best = min(found, key=motion)
+        result = [
+            solution
+            for solution in self._solutions(point, self._pose(point), near)
+            if suits(solution)
+        ]
+        if result:
+            best = min(result, key=motion)
             for words in (*self._posture(best), *((flag,) for flag in self._left_open(best))):
                 point = point.flagged(words[0])
         return point
@@ -308,7 +312,7 @@ class RobotPoints:
 
 def without_rounding(values: Array) -> list[float]:
     """Return mm or degrees without rounding errors: 0 for values near 0."""
-    return [each + 0.0 for each in np.round(values, 9).tolist()]
+    return [item + 0.0 for item in np.round(values, 9).tolist()]
 
 
 def _half_turns(angle: float) -> int:

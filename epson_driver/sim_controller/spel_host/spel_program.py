@@ -26,8 +26,8 @@ from epson_driver.simple_message import Frame
 from epson_driver.spel import (
     Machine,
     Program,
+    ProgramEnvironment,
     SpelError,
-    Surroundings,
     TaskError,
     TaskState,
     TaskType,
@@ -90,7 +90,7 @@ class SpelProgram:
         network: ProgramNetwork,
         terminal: Terminal | None = None,
         claim: Callable[[], None] = _nothing,
-        around: Surroundings | None = None,
+        around: ProgramEnvironment | None = None,
         starts: str = MAIN,
     ) -> None:
         self._program = program
@@ -399,8 +399,8 @@ class SpelProgram:
         critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
         _log.error('%s', error)
         self.failure = self.failure or error
-        told = error.told
-        self._later.append(lambda: self._controller.raise_error(error.number, critical, told))
+        report = error.told
+        self._later.append(lambda: self._controller.raise_error(error.number, critical, report))
         self._soon()
 
     def _asked_to_pause(self, on: bool) -> None:
@@ -415,7 +415,7 @@ class SpelProgram:
 
 def _plain(name: str) -> str:
     """Return a file name without the separators of an answer."""
-    return ''.join('_' if each in ',;=' or not each.isprintable() else each for each in name)
+    return ''.join('_' if item in ',;=' or not item.isprintable() else item for item in name)
 
 
 def _aborted(why: str) -> SpelError:

@@ -105,9 +105,9 @@ def there_and_back():
 
 def dense():
     """Return 20 points with velocities along a straight line with a smooth start and end."""
-    share = np.linspace(0.0, 1.0, 20)
-    smooth, rate = 3 * share**2 - 2 * share**3, 6 * share - 6 * share**2
-    return plan(share, np.outer(smooth, B), np.outer(rate, B))
+    fraction = np.linspace(0.0, 1.0, 20)
+    smooth, rate = 3 * fraction**2 - 2 * fraction**3, 6 * fraction - 6 * fraction**2
+    return plan(fraction, np.outer(smooth, B), np.outer(rate, B))
 
 
 # ---- the same plans on every controller

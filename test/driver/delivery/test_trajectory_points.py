@@ -110,11 +110,11 @@ def test_added_velocities_do_not_overshoot():
     velocities = trajectory.velocities[:, 0]
     assert velocities[[0, 3, 4, 5]].tolist() == [0.0, 0.0, 0.0, 0.0]
     steps, slopes = np.diff(trajectory.times), np.diff(trajectory.positions[:, 0])
-    share = np.linspace(0.0, 1.0, 101)
+    fraction = np.linspace(0.0, 1.0, 101)
     for index, (step, distance) in enumerate(zip(steps, slopes, strict=True)):
         v0, v1 = velocities[index : index + 2] * step
         cubic = v0 + v1 - 2 * distance
-        path = share * (v0 + share * (3 * distance - 2 * v0 - v1 + share * cubic))
+        path = fraction * (v0 + fraction * (3 * distance - 2 * v0 - v1 + fraction * cubic))
         assert path.min() >= min(distance, 0.0) - 1e-12
         assert path.max() <= max(distance, 0.0) + 1e-12
 
@@ -253,8 +253,8 @@ def test_inv2_float32_positions_never_leave_the_limits(rows):
     ones = np.ones(len(rows))
     names = tuple(f'j{index}' for index in range(len(rows)))
     limits = JointLimits(names, low, high, ones, ones, ones)
-    share = np.array([row[2] for row in rows])
-    for value in (low, high, low + share * (high - low), np.nextafter(high, np.inf)):
+    fraction = np.array([row[2] for row in rows])
+    for value in (low, high, low + fraction * (high - low), np.nextafter(high, np.inf)):
         sent = to_float32_inside(value[None, :], limits)[0]
         assert np.all(sent == sent.astype(np.float32))  # unchanged by encoding
         assert np.all(sent >= low)

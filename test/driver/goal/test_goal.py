@@ -40,9 +40,9 @@ def point(time, positions, velocities=(), accelerations=()):
 
 def trajectory_of(*points):
     quantities = ('positions', 'velocities', 'accelerations')
-    columns = ([getattr(each, name) for each in points] for name in quantities)
+    columns = ([getattr(item, name) for item in points] for name in quantities)
     given = [np.array(column, dtype=float) if column[0] else None for column in columns]
-    return Trajectory(NAMES, np.array([float(each.time) for each in points]), *given)
+    return Trajectory(NAMES, np.array([float(item.time) for item in points]), *given)
 
 
 def checked(*points, **options):

@@ -38,10 +38,10 @@ pytestmark = pytest.mark.invariant(5)
 def reachable(without=None):
     """Return the states that a goal can reach if one event never occurs."""
     states: set[GoalState] = set()
-    found = {GoalState.PREPARING}
-    while found != states:
-        states = found
-        found = states | {
+    result = {GoalState.PREPARING}
+    while result != states:
+        states = result
+        result = states | {
             after
             for (before, event), after in TRANSITIONS.items()
             if before in states and event is not without
@@ -675,7 +675,7 @@ def test_state_without_joints_changes_nothing():
     assert not harness.outcomes
 
 
-OUT_AND_BACK = [(0.1 * each, 0.0) for each in (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)]
+OUT_AND_BACK = [(0.1 * item, 0.0) for item in (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)]
 
 
 def test_repeated_pause_and_resume_keep_the_same_rest():

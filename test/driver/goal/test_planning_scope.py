@@ -21,11 +21,11 @@ from epson_driver.sim_controller.condition.states import Event
 @pytest.mark.invariant(5)
 async def test_ending_a_scope_wakes_its_caller_while_the_thread_still_runs():
     """Even a thread that never checks its scope keeps no caller waiting."""
-    begun, go_on = threading.Event(), threading.Event()
+    started, go_on = threading.Event(), threading.Event()
     asked = []
 
     def work(look):
-        begun.set()
+        started.set()
         go_on.wait()
         try:
             look()
@@ -35,7 +35,7 @@ async def test_ending_a_scope_wakes_its_caller_while_the_thread_still_runs():
 
     plan = PlanningScope()
     task = asyncio.create_task(plan.in_thread(work))
-    await until(begun.is_set)
+    await until(started.is_set)
     assert not task.done()
     plan.end('canceled')
     plan.end('something else')
@@ -59,16 +59,16 @@ async def test_active_scope_returns_or_raises_the_result_of_its_thread():
 
 
 def test_failure_of_abandoned_planning_is_logged(caplog):
-    begun, go_on = threading.Event(), threading.Event()
+    started, go_on = threading.Event(), threading.Event()
 
     def work(_look):
-        begun.set()
+        started.set()
         go_on.wait()
         raise RuntimeError('broken')
 
     async def scenario():
         task = asyncio.create_task(PlanningScope().in_thread(work))
-        await until(begun.is_set)
+        await until(started.is_set)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task

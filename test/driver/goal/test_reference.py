@@ -26,7 +26,7 @@ TIMES = np.array([0.0, 0.5, 2.0])
 
 
 def derivatives(polynomials, order):
-    return np.array([[each.deriv(order)(t) for each in polynomials] for t in TIMES])
+    return np.array([[polynomial.deriv(order)(t) for polynomial in polynomials] for t in TIMES])
 
 
 POLYNOMIALS = [np.poly1d([1.0, -2.0, 3.0, 0.5, -1.0, 0.2]), np.poly1d([-0.5, 0.3, 1.0, 0.0, 0.1])]
@@ -40,9 +40,11 @@ def planned(orders, polynomials):
 @given(st.floats(0.0, 2.0))
 def test_accelerations_give_quintic_interpolation(time):
     positions, velocities = ReferenceTrajectory(planned(3, POLYNOMIALS), np.zeros(2)).at(time)
-    np.testing.assert_allclose(positions, [each(time) for each in POLYNOMIALS], atol=1e-9)
+    np.testing.assert_allclose(
+        positions, [polynomial(time) for polynomial in POLYNOMIALS], atol=1e-9
+    )
     if time < 2.0:
-        expected = [each.deriv()(time) for each in POLYNOMIALS]
+        expected = [polynomial.deriv()(time) for polynomial in POLYNOMIALS]
         np.testing.assert_allclose(velocities, expected, atol=1e-8)
 
 
@@ -50,9 +52,11 @@ def test_accelerations_give_quintic_interpolation(time):
 def test_velocities_give_cubic_interpolation(time):
     cubics = [np.poly1d([1.0, -2.0, 0.5, 3.0]), np.poly1d([0.2, 0.0, -1.0])]
     positions, velocities = ReferenceTrajectory(planned(2, cubics), np.zeros(2)).at(time)
-    np.testing.assert_allclose(positions, [each(time) for each in cubics], atol=1e-9)
+    np.testing.assert_allclose(positions, [cubic(time) for cubic in cubics], atol=1e-9)
     if time < 2.0:
-        np.testing.assert_allclose(velocities, [each.deriv()(time) for each in cubics], atol=1e-8)
+        np.testing.assert_allclose(
+            velocities, [cubic.deriv()(time) for cubic in cubics], atol=1e-8
+        )
 
 
 def test_positions_without_velocities_give_linear_interpolation():
@@ -123,9 +127,9 @@ def test_stopped_clock_excludes_that_time():
 @given(st.lists(st.floats(0.0, 1.0), max_size=20))
 def test_clock_does_not_depend_on_step_size(steps):
     made, at_once = clock(), clock()
-    for each in (made, at_once):
+    for item in (made, at_once):
         for factor in (1.0, 0.5, 0.1):
-            each.sent(factor)
+            item.sent(factor)
     now = 100.0
     for step in steps:
         now += step
@@ -177,11 +181,11 @@ def test_time_for_is_the_integral_of_the_factor(first, then, since, planned):
     scaling = SpeedScaling()
     scaling.set(first, 0.0)
     scaling.set(then, 10.0)
-    begin = 10.0 + since
-    takes = scaling.time_for(planned, begin)
+    start = 10.0 + since
+    takes = scaling.time_for(planned, start)
     steps = 2000
     step = takes / steps
-    done = sum(scaling.factor(begin + (index + 0.5) * step) for index in range(steps)) * step
+    done = sum(scaling.factor(start + (index + 0.5) * step) for index in range(steps)) * step
     assert done == pytest.approx(planned, rel=1e-3)
 
 

@@ -19,7 +19,7 @@ from support.sim_process import vacant_port
 from epson_driver.driver.io.io_client import MAX_POINTS, make_io
 from epson_driver.driver.io.points import (
     IoUnavailableError,
-    Told,
+    PointReply,
     ranges_of,
     rejection,
     sentence,
@@ -603,7 +603,7 @@ async def test_inv6_cut_link_is_reported_and_the_values_return():
 async def test_inv9_link_lost_between_two_points_leaves_the_result_unknown():
     """MotoROS needs a request for each point."""
     client = Client(1, profile=load_controller_profile('motoman').io)
-    answers = iter([Told(), IoUnavailableError('no I/O link')])
+    answers = iter([PointReply(), IoUnavailableError('no I/O link')])
 
     async def ask(_message, _timeout):
         if isinstance(answer := next(answers), Exception):

@@ -9,14 +9,14 @@ from epson_driver.driver.servo.setpoint import (
     DISCOVERY_S,
     GAP_S,
     MAX_PUBLISHERS,
-    Arrivals,
+    ArrivalMonitor,
     came_at,
 )
 
 
 def missed_before(*messages):
     """Return whether messages were missed before each message: (number, monotonic time, s)."""
-    topic = Arrivals(-DISCOVERY_S)
+    topic = ArrivalMonitor(-DISCOVERY_S)
     return [topic.missed(number, came) for number, came in messages]
 
 
@@ -48,11 +48,11 @@ def test_first_message_misses_nothing():
 )
 def test_inv4_publisher_found_soon_after_the_start_may_have_sent_before(number, after, missed):
     """The driver may have been restarted while the stream continued."""
-    assert Arrivals(100.0).missed(number, 100.0 + after) is missed
+    assert ArrivalMonitor(100.0).missed(number, 100.0 + after) is missed
 
 
 def test_number_of_remembered_publishers_is_bounded():
-    topic = Arrivals(-DISCOVERY_S)
+    topic = ArrivalMonitor(-DISCOVERY_S)
     for number in range(10 * MAX_PUBLISHERS, 0, -1):
         topic.missed(number, 2.0 * GAP_S * number)
     assert len(topic._newest) == MAX_PUBLISHERS

@@ -109,8 +109,8 @@ async def test_goal_runs_as_soon_as_the_arm_rests_after_a_jog():
     async with cell() as (harness, _):
         await send(harness, held, 0.6)
         await release(harness)
-        assert 'follows a stream' in harness.driver.servo.occupation()
-        await until(lambda: harness.driver.servo.occupation() is None)
+        assert 'follows a stream' in harness.driver.servo.active_user()
+        await until(lambda: harness.driver.servo.active_user() is None)
         assert await harness.rests()
         assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
 

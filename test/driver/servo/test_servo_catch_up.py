@@ -36,14 +36,14 @@ STREAMS = {
 
 async def followed(harness, stream, *, stalled_driver):
     """Send a stream with a pause of the sender or a stall of this process."""
-    begin = now()
-    stalls = begin + 1.5
-    while now() - begin < MOVES_S + 2.0:
+    start = now()
+    stalls = start + 1.5
+    while now() - start < MOVES_S + 2.0:
         if stalled_driver and now() >= stalls:
             stand_still(STALL_S)
             stalls = np.inf
         if stalled_driver or not stalls < now() < stalls + STALL_S:
-            harness.driver.servo.take(stream(now() - begin))
+            harness.driver.servo.take(stream(now() - start))
         await asyncio.sleep(PERIOD_S)
     samples = [sample for _, sample in harness.events.samples]
     positions = np.array([sample.positions for sample in samples])
@@ -76,8 +76,8 @@ async def test_speed_after_a_stall_is_limited_by_catch_up(stream, stalled_driver
 @pytest.mark.slow
 async def test_stream_without_a_stall_leaves_no_arm_behind(caplog):
     async with cell(smooth=True) as (harness, _):
-        begin = now()
-        while (time := now() - begin) < 2.0:
+        start = now()
+        while (time := now() - start) < 2.0:
             harness.driver.servo.take(positions(*state(time)))
             await asyncio.sleep(PERIOD_S)
         assert harness.driver.servo.counts.left_behind == 0

@@ -57,17 +57,17 @@ def windows(wave, t):
 async def followed(harness, stream, wave, duration=DURATION):
     """Send a stream, and return the measured times, s, and positions of joint 1."""
     random = np.random.default_rng(0)
-    begin = now()
+    start = now()
     first = len(harness.events.samples)
     count = 0
-    while (t := now() - begin) < duration:
+    while (t := now() - start) < duration:
         if random.random() >= LOST:
             harness.driver.servo.take(stream(wave, t))
         count += 1
-        due = begin + count * PERIOD + random.uniform(-JITTER, JITTER)
+        due = start + count * PERIOD + random.uniform(-JITTER, JITTER)
         await asyncio.sleep(max(due - now(), 0.0))
     samples = [sample for _, sample in harness.events.samples[first:]]
-    times = np.array([sample.measured for sample in samples]) - begin
+    times = np.array([sample.measured for sample in samples]) - start
     return times, np.array([sample.positions[0] for sample in samples])
 
 

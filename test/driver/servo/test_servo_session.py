@@ -130,7 +130,7 @@ async def test_inv3_silent_position_stream_ends_at_its_last_position(kind, speed
     async with cell(smooth=True) as (harness, _):
         await send(harness, lambda time: ENDING[kind](time, speed), 0.8, 1.0 / 30.0)
         ended, last = now(), ENDING[kind](23.0 / 30.0, speed).positions
-        await until(lambda: harness.driver.servo.occupation() is None)
+        await until(lambda: harness.driver.servo.active_user() is None)
         assert now() - ended < 0.8
         assert harness.at == pytest.approx(last, abs=1e-6)
         assert await harness.rests()
@@ -422,10 +422,10 @@ async def test_inv9_unanswered_setpoint_stops_and_disables():
 
     async with scripted_cell(reply) as (harness, scripted):
         harness.driver.servo.settings = ServoSettings(reply_timeout=0.5)
-        begin = now()
+        start = now()
         async with sending(harness, lambda _: positions(pose(0.04))):
             await until(lambda: harness.gate is not None)
-        assert 0.4 < now() - begin < 1.5
+        assert 0.4 < now() - start < 1.5
         assert 'no reply to setpoint 1' in harness.gate
         assert scripted.received[:2] == [0, 1]  # one pending at a time
 

@@ -122,10 +122,10 @@ async def test_inv4_silence_before_the_stop_does_not_release_a_stream():
 @pytest.mark.invariant(4)
 async def test_inv4_joystick_released_for_one_second_moves_the_arm_again():
     async with cell(smooth=True) as (harness, _):
-        begin = now()
+        start = now()
 
         def stick(_time):
-            return ALL_STILL if 1.0 < now() - begin < 2.2 else velocities(pose(0.3))
+            return ALL_STILL if 1.0 < now() - start < 2.2 else velocities(pose(0.3))
 
         async with sending(harness, stick):
             await asyncio.sleep(0.8)
@@ -134,7 +134,7 @@ async def test_inv4_joystick_released_for_one_second_moves_the_arm_again():
             await asyncio.sleep(1.2)
             assert harness.at[0] == pytest.approx(there, abs=1e-4)
             await until(lambda: harness.at[0] > there + 0.1)
-            assert now() - begin > 2.2
+            assert now() - start > 2.2
 
 
 async def test_position_stream_after_estop_resumes_from_the_arm_position():
@@ -292,8 +292,8 @@ async def publisher(oracle, random):
                 oracle.send(positions(pose(value + (1e-3 * count if kind else 0.0))))
             elif topic == SERVO and kind < 4:
                 speed = 0.05 * (kind - 2)
-                begin = value + 0.2 * speed * count
-                oracle.send(moving_window(begin, speed))
+                start = value + 0.2 * speed * count
+                oracle.send(moving_window(start, speed))
             elif kind < 6:
                 oracle.send(velocities(HOME, source=topic))
             else:
@@ -344,8 +344,8 @@ def test_inv4_random_publishers_do_not_move_a_stopped_arm(seed, sequences):
             oracle = Oracle(harness)
             async with asyncio.TaskGroup() as group:
                 senders = [
-                    group.create_task(publisher(oracle, np.random.default_rng([seed, each])))
-                    for each in range(int(random.integers(1, 11)))
+                    group.create_task(publisher(oracle, np.random.default_rng([seed, item])))
+                    for item in range(int(random.integers(1, 11)))
                 ]
                 for _ in range(sequences):
                     await asyncio.sleep(random.choice([0.1, 0.5, 1.5, 3.0]))

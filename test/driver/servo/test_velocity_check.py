@@ -50,9 +50,9 @@ def test_corrected_stream_is_trusted_again():
     check = VelocityCheck(LIMITS)
     for count in range(20):
         check.add(count * PERIOD, HOME, pose(1.0))
-    begin = 20 * PERIOD
+    start = 20 * PERIOD
     texts = [
-        check.add(begin + count * PERIOD, pose(count * PERIOD), pose(1.0))
+        check.add(start + count * PERIOD, pose(count * PERIOD), pose(1.0))
         for count in range(round(1.2 * CHECK_MEMORY_S / PERIOD))
     ]
     assert texts[0] is not None

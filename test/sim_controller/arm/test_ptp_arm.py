@@ -231,8 +231,8 @@ def test_inv2_rounding_near_a_limit_does_not_pass_it():
         joint = random.integers(6)
         target[joint] = HIGH[joint]
         arm, timer = (PointToPoint(LIMITS, start, 0.5, 0.5) for _ in range(2))
-        for each in (arm, timer):
-            each.take(Point(0, target, 0.0, 0.0))
+        for item in (arm, timer):
+            item.take(Point(0, target, 0.0, 0.0))
         duration = 1000.0 - timer.step(1000.0)
         arm.step(duration * (1.0 - 1e-7))
         assert arm.moving
@@ -245,8 +245,8 @@ def test_inv2_rounding_near_a_limit_does_not_pass_it():
 def test_cp_passes_known_points_without_a_stop():
     one = harness(cp=True, acknowledge='taken')
     rests = harness(acknowledge='taken', accel=OVERLAP_SHARE)
-    for each in (one, rests):
-        each.send(*CORNER)
+    for item in (one, rests):
+        item.send(*CORNER)
     assert one.run() < rests.run() - 0.1
     one.check()
     np.testing.assert_array_equal(one.arm.position, CORNER[-1])

@@ -149,8 +149,8 @@ def test_frozen_encoder_reports_its_last_value():
             one.freeze(2)
             held = one.position[2]
             one.freeze(4)
-        for each in (one, free):
-            each.step(motion.at(number * DT)[0], DT)
+        for item in (one, free):
+            item.step(motion.at(number * DT)[0], DT)
     others = [0, 1, 3, 5]
     np.testing.assert_array_equal(one.position[others], free.position[others])
     assert one.position[2] == held

@@ -45,7 +45,7 @@ def stream(points, period=0.02, first=0):
 
 
 def nearest(trace, points):
-    return max(np.min(np.max(np.abs(trace - each), axis=1)) for each in points)
+    return max(np.min(np.max(np.abs(trace - item), axis=1)) for item in points)
 
 
 def interior_stops(trace):

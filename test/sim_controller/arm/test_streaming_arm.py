@@ -48,8 +48,8 @@ def test_inv2_low_power_caps_every_joint_and_the_tool(period):
     points = curve_points(25, 0.2)
     harness.send(points, period)
     harness.rest()
-    share, tool = fastest(harness.velocities)
-    assert share <= FRACTION
+    fraction, tool = fastest(harness.velocities)
+    assert fraction <= FRACTION
     assert tool <= TOOL_SPEED
     assert tool > 0.5 * TOOL_SPEED
     assert_within_limits(harness, LOW)

@@ -40,7 +40,7 @@ def held_harness(seconds, points=FAST, **values):
 
 def farthest(trace, others):
     """Return the largest distance of a trace from another one, rad."""
-    return max(np.min(np.max(np.abs(others - each), axis=1)) for each in trace)
+    return max(np.min(np.max(np.abs(others - item), axis=1)) for item in trace)
 
 
 @pytest.mark.invariant(2, 3)

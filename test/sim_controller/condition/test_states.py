@@ -271,9 +271,9 @@ def test_every_rejection_has_a_sentence():
 @cache
 def reachable():
     """Return every condition that events can reach."""
-    found, new = set(), {Condition()}
+    result, new = set(), {Condition()}
     while new:
-        found |= new
+        result |= new
         following = set()
         for condition in new:
             for event in Event:
@@ -281,8 +281,8 @@ def reachable():
                     following.add(after(condition, event))
                 except RejectedError:
                     continue
-        new = following - found
-    return found
+        new = following - result
+    return result
 
 
 FAULTS = (Event.ESTOP_PRESS, Event.ERROR, Event.CRITICAL_ERROR)

@@ -373,11 +373,11 @@ def test_page_has_an_example_of_every_fault():
 
 def test_examples_of_the_page_are_valid(harness):
     text = PAGE.read_text('utf-8')
-    told = re.findall(r'^pendant fault (?!clear)(\w.*?)(?: +#.*)?$', text, re.MULTILINE)
+    report = re.findall(r'^pendant fault (?!clear)(\w.*?)(?: +#.*)?$', text, re.MULTILINE)
     (line,) = re.findall(r'^sim_controller (--fault .*)$', text, re.MULTILINE)
     started = re.findall(r'--fault (\S+)', line)
-    assert len(told) > 8
+    assert len(report) > 8
     assert len(started) > 2
-    for example in told + started:
+    for example in report + started:
         harness.start(example)
         harness.clear()

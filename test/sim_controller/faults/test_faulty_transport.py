@@ -56,7 +56,7 @@ def test_without_a_fault_messages_pass_unchanged(harness):
 def test_cut_closes_connections_and_refuses_new_ones(harness):
     clients = {port: harness.client(port) for port in ('motion', 'state', 'io', 'remote')}
     harness.start('cut:for=2,port=motion+io')
-    assert {port: each.hung_up for port, each in clients.items()} == {
+    assert {port: item.hung_up for port, item in clients.items()} == {
         'motion': 1,
         'state': 0,
         'io': 1,
@@ -154,8 +154,8 @@ def test_jitter_is_random_bounded_and_in_order(harness):
         if data == messages[number]
     ]
     assert len(late) == 200
-    assert all(0.0 <= each <= 0.03 + 1e-9 for each in late)
-    assert len({round(each, 6) for each in late}) > 20
+    assert all(0.0 <= item <= 0.03 + 1e-9 for item in late)
+    assert len({round(item, 6) for item in late}) > 20
     harness.clear('jitter')
     assert_normal(harness, client)
 

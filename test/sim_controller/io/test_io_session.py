@@ -103,7 +103,7 @@ def test_info_lists_all_ranges(client: Client) -> None:
         (1, 0, 24, 2), (2, 0, 16, 3), (3, 0, 2, 2), (4, 0, 2, 3),
         (5, 0, 3, 2), (5, 1000, 2, 2), (6, 0, 2, 3), (6, 1000, 1, 3), (7, 0, 512, 3),
     )  # fmt: skip
-    words = [word for each in ranges for word in each]
+    words = [word for item in ranges for word in item]
     assert client.ask(INFO, 77) == (77, 1, 9, *words)
 
 

@@ -43,7 +43,7 @@ async def connect_many(served, port, count=CROWD):
 def test_inv7_each_of_many_clients_is_served_or_refused(port, monkeypatch):
     async def test(served):
         rules = next(
-            each for each in port_rules(served.controller.profile.server) if each.name == port
+            rule for rule in port_rules(served.controller.profile.server) if rule.name == port
         )
         most = (
             MAX_REMOTE_CLIENTS

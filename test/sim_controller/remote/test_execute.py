@@ -44,16 +44,16 @@ def execute(remote):
 
 def answers_after(remote, command='', seconds=20.0, during=lambda _: None):
     """Return the answers to a command, and the time until the last one, s."""
-    found = remote.answers(f'${command}\r\n'.encode()) if command else []
+    result = remote.answers(f'${command}\r\n'.encode()) if command else []
     steps = int(seconds / STEP_S)
     for step in range(steps):
-        if found and found[-1].startswith(('#Execute', '!Execute', '#Home')):
-            return found, step * STEP_S
+        if result and result[-1].startswith(('#Execute', '!Execute', '#Home')):
+            return result, step * STEP_S
         remote.controller.step(STEP_S)
         during(step)
         text = remote.peer.take().decode()
-        found += text.split('\r\n')[:-1]
-    raise AssertionError(found)
+        result += text.split('\r\n')[:-1]
+    raise AssertionError(result)
 
 
 # Statements
@@ -112,7 +112,7 @@ def test_answer_repeats_the_spelling_of_the_command(remote):
 def test_point_is_printed_in_fixed_columns(execute):
     """Each coordinate has 12 characters: clients cut the text by columns."""
     text = execute('Print RealPos').removeprefix('#Execute,"')
-    assert [text[at : at + 3] for at in range(0, 72, 12)] == [f' {each}:' for each in 'XYZUVW']
+    assert [text[at : at + 3] for at in range(0, 72, 12)] == [f' {item}:' for item in 'XYZUVW']
     assert float(text[3:12]) == pytest.approx(0.0, abs=1e-3)
 
 
@@ -139,10 +139,10 @@ def test_settings_statements_and_functions_agree(execute):
         *('Speed 100', 'Accel 100, 100', 'SpeedFactor 100', 'SpeedS 2000', 'AccelS 25000'),
         *('SpeedR 1000', 'AccelR 5000', 'Weight 100', 'Inertia 1000'),
     )
-    assert {each.split()[0] for each in highest} == SETTINGS.keys()
-    for each in highest:
-        assert execute(each) == '#Execute,0', each
-        assert execute(re.sub('[0-9]+', '-1', each)) == '!Execute,99', each
+    assert {item.split()[0] for item in highest} == SETTINGS.keys()
+    for element in highest:
+        assert execute(element) == '#Execute,0', element
+        assert execute(re.sub('[0-9]+', '-1', element)) == '!Execute,99', element
     assert execute('Print Speed, Accel(1), SpeedS') == '#Execute,"100 100 2000"'
 
 
@@ -174,8 +174,8 @@ def test_answer_is_sent_when_the_arm_has_arrived(planner):
     remote = new_remote(planner=planner)
     assert remote('Execute,"P1 = Here"') == '#Execute,0'
     before = angles(remote)
-    found, after = answers_after(remote, 'Execute,"Go P1 +Z(50)"')
-    assert found == ['#Execute,0']
+    result, after = answers_after(remote, 'Execute,"Go P1 +Z(50)"')
+    assert result == ['#Execute,0']
     assert after > 0.2
     assert not remote.controller.in_motion
     assert remote('Execute,"Print CZ(Here) - CZ(P1)"').startswith('#Execute,"50')
@@ -209,8 +209,8 @@ def test_next_command_is_accepted_immediately():
 
 
 def test_several_statements_are_one_command(remote):
-    found, _ = answers_after(remote, 'Execute,"Go Here +Z(20);Go Here +Z(-20);Print 7"')
-    assert found == ['#Execute,"7"']
+    result, _ = answers_after(remote, 'Execute,"Go Here +Z(20);Go Here +Z(-20);Print 7"')
+    assert result == ['#Execute,"7"']
 
 
 def test_only_commands_of_the_guide_are_accepted_in_motion(remote):
@@ -310,9 +310,9 @@ def test_disconnected_client_gets_no_answer(remote):
 
 def test_long_motion_does_not_end_the_session():
     remote = new_remote()
-    found, after = answers_after(remote, 'Execute,"Go Here +Z(20); Wait 70"', seconds=80.0)
+    result, after = answers_after(remote, 'Execute,"Go Here +Z(20); Wait 70"', seconds=80.0)
     assert after > 70.0
-    assert found == ['#Execute,0']
+    assert result == ['#Execute,0']
 
 
 # With a program
@@ -326,8 +326,8 @@ def test_command_uses_the_globals_and_points_of_the_program():
     assert remote('Execute,"Print g, CY(P5)"') == '#Execute,"3 2"'
     assert remote('Execute,"g = 4; Print g"') == '#Execute,"4"'
     assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
-    found, after = answers_after(remote, 'Execute,"Go Here +Z(20)"')
-    assert found == ['#Execute,0']
+    result, after = answers_after(remote, 'Execute,"Go Here +Z(20)"')
+    assert result == ['#Execute,0']
     assert after > 0.1
 
 

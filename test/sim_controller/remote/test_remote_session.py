@@ -76,7 +76,7 @@ def test_lines_in_any_segmentation_and_with_any_end():
         remote = Remote(login=None)
         assert remote.answers(data[:cut]) + remote.answers(data[cut:]) == expected
     remote = Remote(login=None)
-    assert [each for byte in data for each in remote.answers(bytes([byte]))] == expected
+    assert [answer for byte in data for answer in remote.answers(bytes([byte]))] == expected
 
 
 def test_empty_lines_are_not_answered(remote):

@@ -149,8 +149,8 @@ def test_every_bit_is_tested(name):
 def test_bit_is_set_in_the_expected_conditions_only(name, bit):
     table, expected = WORDS[name]
     yes, no = expected[bit]
-    assert [table[bit](each) for each in yes] == [True] * len(yes)
-    assert [table[bit](each) for each in no] == [False] * len(no)
+    assert [table[bit](item) for item in yes] == [True] * len(yes)
+    assert [table[bit](item) for item in no] == [False] * len(no)
 
 
 def test_word_is_the_sum_of_its_bits():

@@ -35,7 +35,7 @@ def test_zero_is_printed_without_a_sign(caplog, name):
     """At 0 pulses (p890) Z of a SCARA is 0 instead of -5e-14, and no value is -0.000."""
     model = load_robot_model(name)
     values = RobotPoints(model).place(np.zeros(len(model.joint_names))).values
-    assert not any(0.0 < abs(each) < 1e-9 or str(each) == '-0.0' for each in values)
+    assert not any(0.0 < abs(value) < 1e-9 or str(value) == '-0.0' for value in values)
     assert len(model.joint_names) == 6 or values[2] == 0.0
 
 
@@ -48,7 +48,9 @@ def test_inv2_arc3_passes_its_point_on_a_circle(caplog):
     )
     assert harness.printed[0] == '80 0'
     arm = Kinematics(harness.controller.model)
-    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    places = np.array(
+        [arm.in_base(arm.forward(position))[:3, 3] for position in harness.positions]
+    )
     center = places[0] + [0.04, 0.0, 0.0]
     assert np.abs(np.linalg.norm(places - center, axis=1) - 0.04).max() < 2e-5
     assert places[:, 2].max() - places[0, 2] == pytest.approx(0.04, abs=1e-4)
@@ -62,7 +64,9 @@ def test_inv2_arc_is_circular_in_the_plane_with_linear_height(caplog):
         '  SpeedS 200; AccelS 1000; P1 = Here\n  Arc P1 +X(40) +Y(40) +Z(90), P1 +X(80) +Z(20)',
     )
     arm = Kinematics(harness.controller.model)
-    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    places = np.array(
+        [arm.in_base(arm.forward(position))[:3, 3] for position in harness.positions]
+    )
     away = places - places[0]
     assert np.abs(np.linalg.norm(away[:, :2] - [0.04, 0.0], axis=1) - 0.04).max() < 2e-5
     turned = np.abs(np.arctan2(away[:, 1], 0.04 - away[:, 0])) / np.pi
@@ -155,7 +159,9 @@ def test_inv2_arc_given_by_angle_radius_or_centre(caplog, arc, sweep, center):
     )
     assert harness.printed[0] == '-1'
     arm = Kinematics(harness.controller.model)
-    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    places = np.array(
+        [arm.in_base(arm.forward(position))[:3, 3] for position in harness.positions]
+    )
     about = (places - places[0])[:, :2] * 1000.0 - center
     assert np.ptp(np.linalg.norm(about, axis=1)) < 0.05
     angles = np.degrees(np.unwrap(np.arctan2(about[:, 1], about[:, 0])))
@@ -171,7 +177,9 @@ def test_arc_in_space_given_by_its_centre(caplog):
     )
     assert harness.printed[0] == '-1'
     arm = Kinematics(harness.controller.model)
-    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    places = np.array(
+        [arm.in_base(arm.forward(position))[:3, 3] for position in harness.positions]
+    )
     about = (places - places[0]) * 1000.0 - [0.0, 0.0, 40.0]
     assert np.ptp(np.linalg.norm(about, axis=1)) < 0.05
     assert about[:, 0].min() > -0.05  # the shorter direction
@@ -217,10 +225,10 @@ def test_ljm_of_six_axes_moves_one_joint_the_least(number, seed):
     model = load_robot_model('c4_a601s')
     points, place, near = numbered(model, seed)
     kept = {'r', 'l', 'a', 'b'} & {*points.place(near).flags}
-    found = points.least_motion(place, near, number)
-    assert kept <= {*found.flags}
-    assert number != 2 or ('f' in found.flags) == ('f' in points.place(near).flags)
-    joints = points.joints(found, near)
+    result = points.least_motion(place, near, number)
+    assert kept <= {*result.flags}
+    assert number != 2 or ('f' in result.flags) == ('f' in points.place(near).flags)
+    joints = points.joints(result, near)
     assert points.place(joints).values == pytest.approx(place.values, abs=1e-6)
     if number != 2:
         joint, arm = {1: 3, 3: 4, 4: 5}[number], Kinematics(model)
@@ -238,13 +246,13 @@ def test_ljm_of_six_axes_moves_one_joint_the_least(number, seed):
 def test_ljm_of_an_n_may_change_hand_and_elbow(number, hand, elbow, seed):
     points, place, near = numbered(load_robot_model('n2_a450s'), seed)
     here = points.place(near)
-    found = points.least_motion(place, near, number)
-    joints = points.joints(found, near)
+    result = points.least_motion(place, near, number)
+    joints = points.joints(result, near)
     assert points.place(joints).values == pytest.approx(place.values, abs=1e-6)
-    same = ('r' in found.flags) == ('r' in here.flags)
+    same = ('r' in result.flags) == ('r' in here.flags)
     assert hand in ('', '=' if same else '!')
     kept = 'a' if 'a' in here.flags else 'b'
-    assert (kept if elbow == '=' else elbow) in found.flags
+    assert (kept if elbow == '=' else elbow) in result.flags
 
 
 def test_ljm_does_not_change_a_point_of_other_scaras(caplog):
@@ -268,7 +276,9 @@ def test_jump_tlz_moves_along_the_tool_axis_and_across(caplog):
     assert harness.printed[0] == '-1'
     arm = Kinematics(FOLDING)
     first = np.linalg.inv(arm.forward(harness.positions[0]))
-    along = np.array([(first @ arm.forward(each))[:3, 3] for each in harness.positions]) * 1000
+    along = (
+        np.array([(first @ arm.forward(position))[:3, 3] for position in harness.positions]) * 1000
+    )
     assert along[:, 2].min() == pytest.approx(-30.0, abs=0.5)
     risen = np.argmax(along[:, 2] < -29.99)
     assert np.abs(along[:risen, :2]).max() < 0.05
@@ -353,7 +363,7 @@ def test_next_motion_starts_at_the_end_of_pass(caplog):
         '  Print Dist(RealPos, P2) > 0.1\n  Go P1 +Y(20)',
     )
     assert harness.printed[1] == '-1'
-    there = np.radians([float(each) for each in harness.printed[0].split()])
+    there = np.radians([float(item) for item in harness.printed[0].split()])
     assert np.abs(harness.positions - there).max(axis=1).min() < 1e-5
 
 

@@ -94,10 +94,10 @@ def test_inv2_plan_is_executed_smoothly_within_limits(name, slower, deviation):
     planned = plan(name)
     harness = OurProgramHarness(planned.positions[0])
     motion, peer = harness.ready()
-    begin = len(harness.positions)
+    start = len(harness.positions)
     harness.stream(motion, peer, smoothed_by_the_driver(planned))
     harness.rest()
-    positions = np.array(harness.positions[begin:])
+    positions = np.array(harness.positions[start:])
     times = np.arange(len(positions)) * STEP_S
     run = Recording(times, positions, np.gradient(positions, times, axis=0))
     figures = measure(planned, run)
@@ -132,9 +132,9 @@ def test_inv3_stop_brakes_within_limits():
     harness.replies(peer)
     motion.receive(point(STOP))
     harness.until(lambda: (STOP, SUCCESS) in harness.replies(peer), 0.1)
-    begin = len(harness.positions)
+    start = len(harness.positions)
     harness.until(lambda: not harness.controller.in_motion, 1.0)
-    assert (len(harness.positions) - begin) * STEP_S < 0.5
+    assert (len(harness.positions) - start) * STEP_S < 0.5
     assert_still(harness)
     harness.assert_within_limits()
     assert_moves(harness, motion, peer)
@@ -204,11 +204,11 @@ def test_shipped_program_moves_at_low_power_and_logs_it(caplog):
     caplog.set_level(logging.INFO)
     harness = OurProgramHarness(caplog=caplog, FULL_POWER='')
     motion, peer = harness.ready()
-    begin = harness.controller.clock.now
+    start = harness.controller.clock.now
     harness.stream(motion, peer, slow_trajectory([1.0, *HOME[1:]], 0.5, 3))
     harness.until(lambda: harness.controller.in_motion)
     harness.rest()
-    assert harness.controller.clock.now - begin > 2.0
+    assert harness.controller.clock.now - start > 2.0
     velocity, _ = harness.within_limits()
     assert velocity <= 0.0501
     assert harness.printed == ['Low power, slower than asked for: FULL_POWER is off in config.inc']

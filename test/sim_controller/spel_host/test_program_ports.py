@@ -116,7 +116,7 @@ def test_process_serves_the_ports_of_the_shipped_program():
         assert ask('Sim,why') == '#Sim,the program runs: stop first'
         for command in ('Stop', 'SetMotorsOn,0', 'Start,0'):
             assert ask(command) == f'#{command.partition(",")[0]},0'
-        tasks = dict(each.split('=') for each in ask('Sim,tasks').partition(',')[2].split(';'))
+        tasks = dict(item.split('=') for item in ask('Sim,tasks').partition(',')[2].split(';'))
         assert tasks['1'].startswith('main,Normal,')
         assert tasks['65'].startswith('BgMain,background,waits main.prg:')
         state, motion = connect(ports['state']), connect(ports['motion'])
@@ -127,8 +127,8 @@ def test_process_serves_the_ports_of_the_shipped_program():
             body = receive(state, length - 4)
             if kind == 10 and abs(struct.unpack_from('<f', body, 12)[0] - 0.125) < 1e-5:
                 break
-        for each in (state, motion, pendant):
-            each.close()
+        for element in (state, motion, pendant):
+            element.close()
     finally:
         process.terminate()
         assert process.wait(60) == 0
@@ -143,8 +143,8 @@ def test_process_listens_on_other_ports_of_a_program(tmp_path):
     try:
         port = None
         for line in process.stderr:
-            found = re.search(r'port 2001 of the program is 127\.0\.0\.1:(\d+)', line)
-            port = int(found[1]) if found else port
+            result = re.search(r'port 2001 of the program is 127\.0\.0\.1:(\d+)', line)
+            port = int(result[1]) if result else port
             if 's task 1 main: ready' in line:
                 break
         threading.Thread(target=process.stderr.read, daemon=True).start()

@@ -29,7 +29,7 @@ def refusal(caplog, body, **options):
     """Return number and sentence of the error that ends main in its last line."""
     harness = run_main(caplog, body, **options)
     place = f'main.prg:{body.count(chr(10)) + 3}: '
-    (text,) = (each for each in caplog.messages if each.startswith(place))
+    (text,) = (message for message in caplog.messages if message.startswith(place))
     assert not np.any(np.diff(harness.positions, axis=0))
     assert not harness.controller.condition.powered
     return harness.controller.error_number, text.partition(' (task 1): ')[2]
@@ -70,7 +70,7 @@ def test_error_names_the_value_and_its_range(caplog, statement, text):
 def test_check_warns_of_statements_that_are_not_simulated(caplog, name):
     known = SIMULATED[name]
     form = 'Print {}({})' if name in FUNCTIONS and name not in COMMANDS else '{} {}'
-    *good, bad = (form.format(name, each) for each in (*known, max(known) + 1))
+    *good, bad = (form.format(name, item) for item in (*known, max(known) + 1))
     source = 'Function main\n{}\nFend'
     assert check({'main.prg': source.format('\n'.join(good))}) == []
     (problem,) = check({'main.prg': source.format(bad)})
@@ -123,7 +123,7 @@ def test_point_of_a_file_has_its_posture(caplog):
 
 def test_go_pulse_reaches_the_encoder_pulses(caplog):
     per_degree = MODEL.pulses_per_unit * np.pi / 180.0
-    pulses = ', '.join(f'{round(each)}' for each in per_degree * [4.0, -3.0, 2.0, 0.0, 1.0, -1.0])
+    pulses = ', '.join(f'{round(item)}' for item in per_degree * [4.0, -3.0, 2.0, 0.0, 1.0, -1.0])
     body = f'Motor On\nGo Pulse({pulses})\nWait 0.1\nPrint Pls(1), PPls(Pulse({pulses}), 3)'
     harness = run_main(caplog, body, 3.0)
     assert np.allclose(np.degrees(harness.position), [4.0, -3.0, 2.0, 0.0, 1.0, -1.0], atol=1e-4)
@@ -213,7 +213,7 @@ def test_unknown_pulses_are_assumed_with_one_warning(caplog):
     start = np.array([0.1, 0.0, -0.01, 0.0])
     harness = run_main(caplog, body, model=load_robot_model('t6_602s'), start=start)
     known = round(0.1 * 3640.89 * 180.0 / np.pi)
-    assert [each for each in caplog.messages if 'pulses' in each] == [
+    assert [message for message in caplog.messages if 'pulses' in message] == [
         'the encoder pulses of joint_3, joint_4 of the t6_602s are unknown, '
         'assuming 10000 per degree or mm'
     ]

@@ -24,16 +24,16 @@ from epson_driver.spel import Point, SpelError
 def across(arm, random, side):
     """Return joints on both sides of a singularity: of the wrist (4), or of the hand (0)."""
     while True:
-        begin = random.uniform(-0.5, 0.5, 6)
-        begin[4] = random.choice([-0.3, 0.3])
-        end = begin + random.uniform(-0.6, 0.6, 6)
+        start = random.uniform(-0.5, 0.5, 6)
+        start[4] = random.choice([-0.3, 0.3])
+        end = start + random.uniform(-0.6, 0.6, 6)
         if side == 4:
-            end[4] = -begin[4]
-            return begin, end
-        begin[1:3], end[1:3] = random.uniform((-1.0, 0.5), (0.5, 2.5), (2, 2))
-        one, other = arm.sides(begin)[0], arm.sides(end)[0]
+            end[4] = -start[4]
+            return start, end
+        start[1:3], end[1:3] = random.uniform((-1.0, 0.5), (0.5, 2.5), (2, 2))
+        one, other = arm.sides(start)[0], arm.sides(end)[0]
         if one * other < 0.0 and max(abs(one), abs(other)) < 0.15:
-            return begin, end
+            return start, end
 
 
 def random_lines(name, count, side):
@@ -42,15 +42,15 @@ def random_lines(name, count, side):
     points, random = RobotPoints(model), np.random.default_rng(7)
     arm = Kinematics(model)
     for _ in range(count):
-        begin, end = across(arm, random, side)
+        start, end = across(arm, random, side)
         place = points.place(end)
         try:
-            joints, path = points.path_to(Point('xy', place.values, ('ljm',)), begin)
+            joints, path = points.path_to(Point('xy', place.values, ('ljm',)), start)
         except SpelError:  # out of reach, or too far from the singularity to go through it
             continue
         shares = np.linspace(0.0, 1.0, len(joints)).tolist()
-        expected = np.array([path.pose(share) for share in shares])
-        yield joints, expected, np.array([arm.forward(each) for each in joints])
+        expected = np.array([path.pose(fraction) for fraction in shares])
+        yield joints, expected, np.array([arm.forward(joint) for joint in joints])
 
 
 @pytest.mark.parametrize(('side', 'limit'), [(0, NEAR_HAND_M), (4, NEAR_WRIST_RAD)])
@@ -68,7 +68,7 @@ def test_tool_stays_on_its_line_but_changes_orientation(name, side, limit):
         turned = np.arccos(np.clip(cosine, -1.0, 1.0))
         assert np.max(turned) <= MOST_TURN_RAD
         turning = turned > 1e-6
-        through = [arm.sides(each)[side // 2] for each in joints]
+        through = [arm.sides(joint)[side // 2] for joint in joints]
         passed += turning.any() and through[0] * through[-1] < 0.0
         near = np.abs(through) < limit
         if side == 4:
@@ -89,4 +89,4 @@ def test_inv2_line_past_a_singularity_respects_all_limits(caplog):
     harness.until(lambda: harness.printed or harness.controller.error_number)
     assert harness.printed == ['there -1'], caplog.text
     harness.assert_within_limits()
-    assert min(each[4] for each in harness.positions) < -0.1  # straight through
+    assert min(position[4] for position in harness.positions) < -0.1  # straight through

@@ -121,7 +121,7 @@ def test_inv4_program_cannot_enable_motors_during_an_estop(caplog):
     assert not harness.controller.condition.powered
     assert harness.controller.condition.estopped
     assert set(harness.printed) == {'refused 2261'}
-    assert [each.split()[0] for each in harness.tasks] == ['BgMain']
+    assert [task.split()[0] for task in harness.tasks] == ['BgMain']
 
 
 def test_wait_takes_its_time_after_a_late_start_and_a_pause(caplog):
@@ -489,7 +489,7 @@ def test_error_is_reported_with_text_file_and_line(caplog):
     source = '\nFunction main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend\n'
     harness = SpelProgramHarness(source, caplog)
     harness.step(0.1)
-    errors = [each.getMessage() for each in caplog.records if each.levelno >= logging.ERROR]
+    errors = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
     text = 'an array index is out of range: it goes from 0 to UBound'
     assert errors == [f'main.prg:5: error 9992 in main (task 1): {text}']
     message = f'{text}, at main.prg:5 in main (task 1)'

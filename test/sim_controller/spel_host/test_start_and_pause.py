@@ -48,7 +48,7 @@ def test_startmain_starts_main_and_it_moves(caplog):
     harness.do('motors on')
     press(harness)
     assert harness.controller.condition.tasks is Tasks.RUNNING
-    assert [each.split()[0] for each in harness.tasks] == ['main', 'BgMain']
+    assert [task.split()[0] for task in harness.tasks] == ['main', 'BgMain']
     harness.until(lambda: harness.printed == ['main', 'main'])
     assert np.allclose(harness.position, AWAY, atol=1e-9)
     harness.step(0.1)
@@ -64,7 +64,7 @@ def test_inv4_startmain_is_refused_until_an_estop_is_reset(caplog):
         harness.do(event)
         press(harness)
     assert harness.printed == ['main', 'refused 2261', 'refused 2261']
-    assert [each.split()[0] for each in harness.tasks] == ['BgMain']
+    assert [task.split()[0] for task in harness.tasks] == ['BgMain']
     harness.do('reset')
     press(harness)
     assert harness.printed[3:] == ['main']
@@ -87,7 +87,7 @@ def test_inv4_startmain_is_refused_like_start(caplog, event, back, why):
     harness.do(event)
     press(harness)
     assert harness.printed[1].startswith('refused 2261')
-    assert [each.split()[0] for each in harness.tasks] == ['BgMain']
+    assert [task.split()[0] for task in harness.tasks] == ['BgMain']
     harness.do(back)
     press(harness)
     assert harness.printed[2:] == ['main']
@@ -162,7 +162,7 @@ def test_background_task_resets_an_error_once_the_arm_is_at_rest(caplog):
     rested = harness.position
     harness.step(1.0)
     assert np.array_equal(harness.position, rested)
-    assert [each.split()[0] for each in harness.tasks] == ['BgMain']
+    assert [task.split()[0] for task in harness.tasks] == ['BgMain']
     harness.assert_within_limits()
 
 

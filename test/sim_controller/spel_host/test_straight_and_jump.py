@@ -208,10 +208,10 @@ Fend
 def test_scara_jumps_over_a_pallet(caplog):
     harness = SpelProgramHarness(JUMP.format(deep=-80, high=-20), caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
-    begin = len(harness.positions)
+    start = len(harness.positions)
     harness.until(lambda: len(harness.printed) == 4)
     assert harness.printed[1:] == ['160 180 -80', '100 140 -80', '160 140 -80']
-    positions = np.array(harness.positions[begin:])
+    positions = np.array(harness.positions[start:])
     heights = positions[:, 2] * 1000.0
     sideways = np.abs(np.diff(positions[:, :2], axis=0)).max(axis=1) > 1e-9
     assert np.count_nonzero(sideways) > 30
@@ -240,11 +240,11 @@ def jump_profile(caplog, more, power=HIGH):
     source = ARCH.format(power=power, more=more)
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
-    begin = len(harness.positions) - 1
+    start = len(harness.positions) - 1
     harness.until(lambda: len(harness.printed) == 2)
     assert harness.printed[1] == '180 60 -80'
     harness.assert_within_limits()
-    positions = np.array(harness.positions[begin:])
+    positions = np.array(harness.positions[start:])
     return positions[:, 2] * 1000.0, positions[:, [0, 1, 3]]
 
 
@@ -292,10 +292,10 @@ def jump3_path(caplog, statement, more, power=HIGH):
     source = JUMP3.format(power=power, statement=statement, more=more)
     harness = six_axis(caplog, source)
     harness.until(lambda: 'stands' in harness.printed)
-    begin = len(harness.positions) - 1
+    start = len(harness.positions) - 1
     harness.until(lambda: len(harness.printed) > 1)
     base = Kinematics(harness.controller.model).from_base(np.eye(4))[:3, :3]
-    places = tool_places(harness)[begin:]
+    places = tool_places(harness)[start:]
     return harness, (places - places[0]) @ base * 1000.0
 
 
@@ -347,8 +347,8 @@ def crossing_and_height(caplog, statement, power):
 def test_arch_at_low_power_is_lower(caplog, statement):
     """P474, p479: "When speed is lower, the trajectory will be lower"."""
     fast, slow = (crossing_and_height(caplog, statement, power) for power in (HIGH, ''))
-    for share in (0.05, 0.15, 0.85, 0.95):
-        assert np.interp(share, *slow) < np.interp(share, *fast) - 5.0
+    for fraction in (0.05, 0.15, 0.85, 0.95):
+        assert np.interp(fraction, *slow) < np.interp(fraction, *fast) - 5.0
 
 
 @pytest.mark.parametrize('after', [0.1, 0.3, 0.5, 0.7])
@@ -401,8 +401,8 @@ def test_inv2_arch_and_a_stop_on_it_respect_every_limit(caplog, name, low_power)
     if low_power:
         limits = replace(limits, velocity=LOW_POWER * limits.velocity)
     stops = [motion.stop(time) for time in np.linspace(0.0, motion.duration, 60).tolist()]
-    for each in (motion, *stops):
-        states = [each.at(time) for time in np.linspace(0.0, each.duration, 300).tolist()]
+    for item in (motion, *stops):
+        states = [item.at(time) for time in np.linspace(0.0, item.duration, 300).tolist()]
         positions, velocities, accelerations = (
             np.array(part) for part in zip(*states, strict=True)
         )
@@ -446,12 +446,12 @@ def test_parallel_statements_of_a_jump_start_with_the_crossing(caplog, arch):
     source = ARCH.format(power=HIGH, more=f' {arch} !D0; Print Agl(3); D50; Print Agl(1)!')
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
-    begin = np.degrees(harness.position[0])
+    start = np.degrees(harness.position[0])
     harness.until(lambda: len(harness.printed) == 4)
     _, height, half, _ = harness.printed
     end = np.degrees(harness.position[0])
     assert -31.0 < float(height) < -28.0 if arch else float(height) > -0.1
-    assert (float(half) - begin) / (end - begin) == pytest.approx(0.5, abs=0.1)
+    assert (float(half) - start) / (end - start) == pytest.approx(0.5, abs=0.1)
 
 
 @pytest.mark.invariant(3)
@@ -543,10 +543,10 @@ def test_blocked_line_is_resumed_slowly_in_joint_space(caplog):
     assert np.allclose(slow.end, point.target, atol=1e-9)
     assert 'continues in joint space: ' in caplog.text
     limits = controller.model.limits
-    share = LOW_POWER
+    fraction = LOW_POWER
     times = np.linspace(0.0, slow.duration, 200)
     speeds = np.array([slow.at(time)[1] for time in times])
-    assert np.max(np.abs(speeds) / limits.velocity) <= share * 1.001
+    assert np.max(np.abs(speeds) / limits.velocity) <= fraction * 1.001
 
 
 @pytest.mark.parametrize('hand', ['L', 'R'])

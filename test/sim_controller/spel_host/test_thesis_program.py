@@ -177,7 +177,7 @@ def test_point_out_of_range_or_sequence_gets_success(harness):
     assert harness.send(motion, peer, *points) == [REPLY] * 3
     harness.until(lambda: not harness.controller.in_motion)
     assert abs(harness.position[0] - 0.05) < 1e-5
-    assert max(each[0] for each in harness.positions) < 0.11
+    assert max(item[0] for item in harness.positions) < 0.11
 
 
 def test_point_without_motors_gets_success_after_a_message_box(new_harness):
@@ -270,10 +270,10 @@ def test_low_power_limits_speed_to_5_percent(harness):
 def test_arm_stops_at_every_point_in_spite_of_cp(harness):
     """Defect 9."""
     motion, peer = harness.client('motion')
-    begin = len(harness.positions)
+    start = len(harness.positions)
     harness.send(motion, peer, *(point(n, at(0.05 * (n + 1))) for n in range(3)))
     harness.until(lambda: not harness.controller.in_motion)
-    moves = np.diff(np.array(harness.positions[begin:])[:, 0]) > 1e-9
+    moves = np.diff(np.array(harness.positions[start:])[:, 0]) > 1e-9
     assert np.count_nonzero(np.diff(moves.astype(int)) == 1) == 3
     assert len(moves) * STEP_S > 2.0  # a second after each point
 

@@ -43,7 +43,7 @@ class EpsonRobot(EpsonDevice, Robot):
     @property
     def observation_features(self) -> dict[str, type | tuple[int | None, ...]]:
         """The positions, and a picture of each camera."""
-        seen = {name: (each.height, each.width, 3) for name, each in self.cameras.items()}
+        seen = {name: (item.height, item.width, 3) for name, item in self.cameras.items()}
         return {**self.action_features, **seen}
 
     @check_if_already_connected

@@ -112,11 +112,11 @@ HOSTILE = {
 
 def sent(robot, policy, steps):
     """Send actions at 30 Hz. Return the time of day of the last action, s."""
-    begin = time.monotonic()
+    start = time.monotonic()
     for step in range(steps):
         last = time.time()
         robot.send_action(dict(zip(robot.action_features, policy(step), strict=True)))
-        time.sleep(max(begin + (step + 1) * PERIOD_S - time.monotonic(), 0.0))
+        time.sleep(max(start + (step + 1) * PERIOD_S - time.monotonic(), 0.0))
     return last
 
 

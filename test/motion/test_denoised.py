@@ -7,8 +7,8 @@ import pytest
 from support.examples import one_in
 
 from epson_driver.motion import JointLimits, Trajectory, smooth
-from epson_driver.motion.passages import measure, passed
-from epson_driver.motion.smoothed import MIN_TOLERANCE, evened
+from epson_driver.motion.closest_samples import measure, passed
+from epson_driver.motion.smoothed import MIN_TOLERANCE, denoised
 from epson_driver.robots import load_robot_model
 
 ARM = load_robot_model('c3_a601s').limits
@@ -88,7 +88,7 @@ def hostile(kind: str, rng: np.random.Generator) -> Trajectory:
 @pytest.mark.parametrize('seed', one_in(5, range(5)))
 def test_points_move_by_less_than_the_tolerance(kind: str, tolerance: float, seed: int) -> None:
     recorded = hostile(kind, np.random.default_rng([seed, 7]))
-    result = evened(recorded, ARM, tolerance)
+    result = denoised(recorded, ARM, tolerance)
     moved = np.abs(result.positions - recorded.positions)
     assert moved.max() <= tolerance - MIN_TOLERANCE / 2.0 + 1e-12
     assert moved[[0, -1]].max() == 0.0
@@ -106,7 +106,7 @@ def test_points_of_a_commanded_rest_stay() -> None:
     still[101:103] = still[100]
     times[101:] += 0.3
     times[102:] += 0.4
-    result = evened(Trajectory(ARM.names, times, still), ARM, 5e-3)
+    result = denoised(Trajectory(ARM.names, times, still), ARM, 5e-3)
     np.testing.assert_array_equal(result.positions[100:103], still[100:103])
     assert np.abs(result.positions[90] - still[90]).max() > 0.0
     motion = smooth(still, ARM, times, path_tolerance=5e-3)
@@ -118,7 +118,7 @@ def test_result_has_the_joint_order_of_the_limits() -> None:
     recorded = recording(2)
     names = recorded.joint_names[::-1]
     swapped = Trajectory(names, recorded.times, recorded.positions[:, ::-1])
-    ours, theirs = evened(recorded, ARM, 2e-3), evened(swapped, ARM, 2e-3)
+    ours, theirs = denoised(recorded, ARM, 2e-3), denoised(swapped, ARM, 2e-3)
     assert theirs.joint_names == ARM.names
     np.testing.assert_array_equal(theirs.positions, ours.positions)
 
@@ -127,7 +127,7 @@ def test_result_has_the_joint_order_of_the_limits() -> None:
 def test_two_points_stay_unchanged(count: int) -> None:
     recorded = recording(3)
     ends = Trajectory(ARM.names, recorded.times[:count], recorded.positions[:count])
-    np.testing.assert_array_equal(evened(ends, ARM, 1e-3).positions, ends.positions)
+    np.testing.assert_array_equal(denoised(ends, ARM, 1e-3).positions, ends.positions)
 
 
 @pytest.mark.parametrize('value', [-0.001, 1e-4, 0.51, float('nan'), float('inf')])
@@ -137,7 +137,7 @@ def test_invalid_tolerance_is_rejected(value: float) -> None:
         smooth(recorded.positions, ARM, recorded.times, path_tolerance=value)
     if not value >= MIN_TOLERANCE:
         with pytest.raises(ValueError, match=r'the tolerance .* rad must be 0.001 or more'):
-            evened(recorded, ARM, value)
+            denoised(recorded, ARM, value)
 
 
 def test_prismatic_joint_is_smoothed_in_metres() -> None:

@@ -19,7 +19,7 @@ MAX_COMPARED_PAIRS = 25_000_000
 Indices = npt.NDArray[np.intp]
 
 
-def passages(waypoints: Array, positions: Array) -> Indices:
+def closest_sample_indices(waypoints: Array, positions: Array) -> Indices:
     """Return the sample that is nearest to each waypoint: (n, m) and (k, m) to (n,).
 
     The passages are in the waypoints' order and together the nearest possible (dynamic
@@ -62,14 +62,14 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
     """Return passages. For long motions, search every n-th sample first, then refine."""
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
-    found = passages(waypoints, positions[::stride]) * stride
+    result = closest_sample_indices(waypoints, positions[::stride]) * stride
     if stride == 1:
-        return found
-    for index, (waypoint, sample) in enumerate(zip(waypoints, found.tolist(), strict=True)):
+        return result
+    for index, (waypoint, sample) in enumerate(zip(waypoints, result.tolist(), strict=True)):
         first = max(sample - stride, 0)
         near = positions[first : sample + stride + 1]
-        found[index] = first + int(np.argmin(np.abs(near - waypoint).max(axis=1)))
-    return found
+        result[index] = first + int(np.argmin(np.abs(near - waypoint).max(axis=1)))
+    return result
 
 
 def _nearest(
@@ -77,11 +77,11 @@ def _nearest(
 ) -> tuple[float, float]:
     """Return the smallest distance to a waypoint between two adjacent samples, and its time."""
     dt = float(motion.times[first + 1] - motion.times[first])
-    begin, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
+    start, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
     low, high = 0.0, 1.0
     for _ in range(3):  # each time between the neighbours of the best of 41 places
         s = np.linspace(low, high, 41)
-        distances = np.abs(cubic(s[:, None], dt, begin, end)).max(axis=1)
+        distances = np.abs(cubic(s[:, None], dt, start, end)).max(axis=1)
         best = int(np.argmin(distances))
         low, high = float(s[max(best - 1, 0)]), float(s[min(best + 1, 40)])
     return float(distances[best]), float(motion.times[first] + s[best] * dt)

@@ -52,7 +52,7 @@ class Timing:
         return abs(late) > max(least, MIN_DEVIATION_SHARE * self.planned)
 
 
-class PlannedSpeed:
+class TimingMonitor:
     """Determines which speeds the controller can execute, from its use of the times of points.
 
     All checks of speed scaling, plans and streams are here.

@@ -13,7 +13,7 @@ from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.delivery.trajectory_points import trajectory_points
 from epson_driver.driver.goal.goal import Goal, GoalSettings
-from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
+from epson_driver.driver.goal.timing_monitor import Timing, TimingMonitor
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.motion import Trajectory
@@ -104,7 +104,7 @@ def test_deviation_is_reported_beyond_both_tolerances(planned, executed_in, devi
 
 @pytest.mark.parametrize('uses', FieldsUsed)
 def test_only_controller_that_ignores_times_rejects_slow_plans(uses):
-    speed = PlannedSpeed(replace(OWN_SPEED, uses=uses), LIMITS)
+    speed = TimingMonitor(replace(OWN_SPEED, uses=uses), LIMITS)
     if uses is FieldsUsed.NOTHING:
         with pytest.raises(GoalRejectedError, match=r'the controller at 0\.2'):
             speed.check(plan(), HOME, 1.0)
@@ -115,15 +115,17 @@ def test_only_controller_that_ignores_times_rejects_slow_plans(uses):
     speed.check(plan(its_own / 2), HOME, 1.0)  # faster than the controller
     speed.check(plan(way=0.0), HOME, 1.0)
     full = replace(OWN_SPEED, point_message='joint_traj_pt_full')
-    PlannedSpeed(full, LIMITS).check(plan(), HOME, 1.0)
+    TimingMonitor(full, LIMITS).check(plan(), HOME, 1.0)
 
 
 def test_velocities_of_points_reproduce_planned_time():
     """With the fastest velocity of each segment, the motion would take half of the time."""
-    share = np.linspace(0.0, 1.0, 9)
-    smooth, rate = 3 * share**2 - 2 * share**3, 6 * share - 6 * share**2
+    fraction = np.linspace(0.0, 1.0, 9)
+    smooth, rate = 3 * fraction**2 - 2 * fraction**3, 6 * fraction - 6 * fraction**2
     way = pose(0.5, -0.2)
-    made = Trajectory(LIMITS.names, share * 2.0, np.outer(smooth, way), np.outer(rate, way) / 2.0)
+    made = Trajectory(
+        LIMITS.names, fraction * 2.0, np.outer(smooth, way), np.outer(rate, way) / 2.0
+    )
 
     def takes(uses):
         points = trajectory_points(made, HOME, LIMITS, unmapped(len(LIMITS.names)), uses=uses)
