@@ -41,7 +41,7 @@ help:
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make test-rest     run what test-all adds to test: whole processes, slow tests, more examples (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
-	@echo "make lint          run ruff, mypy, codespell and import-linter"
+	@echo "make lint          run ruff, mypy, codespell, import-linter and test/plain_english.py"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
 	@echo "make bench         measure the driver's state path beside a bare program (docs/reliability.md; ARGS=--quick: less)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help)"
@@ -92,6 +92,7 @@ lint: $(VENV)/.driver $(VENV)/.dev
 	$(BIN)/mypy --config-file test/mypy.ini test
 	$(BIN)/codespell
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/python test/plain_english.py
 
 docs: $(VENV)/.driver $(VENV)/.docs
 	$(BIN)/python docs/make_site.py

@@ -79,7 +79,7 @@ class ReceivedTraffic:
     unreadable: str = ''
     """Error text for the first bytes that were no message, or ''."""
     ended: str = ''
-    """How the controller ended the connection, or '' if it did not."""
+    """Manner in which the controller closed the connection, or '' if it is open."""
     vanished: bool = False
     """Whether the connection was lost because the other machine stopped answering TCP."""
     first_bytes: bytes = b''

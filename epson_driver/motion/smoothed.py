@@ -137,8 +137,8 @@ def smoothed(
     rad (or m) in every joint. With `refine` False, or if `fastest` finds none, it is the fastest
     motion on the spline. The tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise
     (`denoised`). `catch_up` and `observer` are passed to `Smoother`. `look` is called with the
-    time of each sample, s, and may raise to end the work. Raises ValueError, with point, joint, value
-    and limit, if a trajectory cannot be smoothed or its motion would break a limit, and
+    time of each sample, s, and may raise to end the work. Raises ValueError, with point, joint,
+    value and limit, if a trajectory cannot be smoothed or its motion would break a limit, and
     RuntimeError if the planner raises.
     """
     if not period > 0.0:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller answers over Remote Ethernet: flags, device in control, identity, joints.
+"""Answers of a controller over Remote Ethernet: flags, device in control, identity, joints.
 
 Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags); EPSON's node for Node-RED (the eleven
 flags of the RC700 generation, GetContDev).

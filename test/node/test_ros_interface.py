@@ -16,7 +16,6 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
-from epson_driver.driver.goal.timing_monitor import Timing
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -26,6 +25,7 @@ from support.event_loop import run as run_scenario
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.goal.goal import GoalSettings
+from epson_driver.driver.goal.timing_monitor import Timing
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode
 from epson_driver.node.parameters import rejection

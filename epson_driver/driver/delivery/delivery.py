@@ -32,7 +32,7 @@ OnReply = Callable[[Packet, float], None]
 
 @dataclass(frozen=True)
 class DeliveryRules:
-    """How the controller accepts points, from the parameters and its profile.
+    """Rules of a controller for points, from the parameters and its profile.
 
     motoman: points need Motoman's commands. uses: fields of a JOINT_TRAJ_PT that are used.
     speed: fraction, for a controller that uses none of them. slowest: minimum speed, a fraction,

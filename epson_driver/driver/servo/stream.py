@@ -41,7 +41,7 @@ FRESH_S = 0.07
 """Time for which a setpoint is extrapolated, s. Afterward the arm rests at that setpoint."""
 
 PASSED = 1e-3
-"""How far the arm may pass a setpoint at which a stream stops, rad or m."""
+"""Maximum distance beyond a setpoint at which a stream stops, rad or m."""
 
 ABRUPT = 0.2
 """Minimum change of velocity from one setpoint to the next that is abrupt, rad/s or m/s."""
@@ -356,7 +356,7 @@ class StreamReference:
 
     @property
     def reach(self) -> float:
-        """How far beyond its arrival the setpoint is known, s, or 0 for a single setpoint."""
+        """Time after its arrival for which a setpoint is known, s (0: a single setpoint)."""
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:

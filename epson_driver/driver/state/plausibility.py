@@ -18,7 +18,7 @@ MIN_JUMP = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far beyond its limits a joint may be reported.
+    """Maximum distance beyond its limits at which a joint may be reported.
 
     position: rad or m beyond the range, because joints can be moved past the software limits, up
     to their stops. velocity: a factor on the velocity limit, which applies to commanded motion.
