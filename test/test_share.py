@@ -32,7 +32,7 @@ def test_file_of_the_source_tree_is_found() -> None:
     ids='/'.join,
 )
 def test_missing_file_error_lists_the_folder(parts: tuple[str, ...], there: str) -> None:
-    with pytest.raises(FileNotFoundError, match=rf'^no {parts[-1]} in .*there is: {there}\)$'):
+    with pytest.raises(FileNotFoundError, match=rf'^no {parts[-1]} in .*available: {there}\)$'):
         share_file(*parts)
 
 
@@ -59,5 +59,5 @@ def test_file_of_an_installed_prefix_is_found(
 ) -> None:
     expected = tmp_path / 'share' / 'epson_driver' / 'config' / 'robots' / 'mine.yaml'
     assert installed('config', 'robots', 'mine.yaml') == expected.resolve()
-    with pytest.raises(FileNotFoundError, match=r'no c3\.yaml in .* \(there is: mine\)'):
+    with pytest.raises(FileNotFoundError, match=r'no c3\.yaml in .* \(available: mine\)'):
         installed('config', 'robots', 'c3.yaml')

@@ -86,9 +86,9 @@ class FirstRunRecord:
         report = [habit for entry in self.entries.values() for habit in entry.found.habits]
         profile = load_controller_profile(self.about['controller'])
         known = {key: value for key, value in self.facts.items() if key in RULES or key == 'io'}
-        usual = 'done' if self.facts.get('rests at points') else 'taken'
+        moves_through = not self.facts.get('rests at points')
         for key, value, held in differences(known, profile):
-            if held == 'default' and value == usual:
+            if held == 'default' and value == 'taken' and moves_through:
                 continue
             shown = f'{value:.4g}' if isinstance(value, float) else value
             report.append(f'{key} is {shown}, but {held} in the profile {profile.name}')

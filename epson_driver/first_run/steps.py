@@ -346,7 +346,7 @@ async def _points(run: FirstRun) -> Found:
             await _ride(run, state, motion, [here], [WAY_S])
     result.facts |= _buffer(counts, periods)
     # a point acknowledged at the arm's arrival leaves the arm without a next point
-    waits = result.facts.get('program.acknowledge') == 'done'
+    waits = result.facts.get('program.acknowledge') == 'default'
     result.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
     if result.facts['rests at points']:
         text = f'{stops} stops at {STREAM_POINTS} points'
@@ -365,7 +365,7 @@ def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]
     counts: the maximum number acknowledged ahead, for points with these periods, s.
     """
     if min(counts) < 0.5:
-        return {'program.acknowledge': 'done'}
+        return {'program.acknowledge': 'default'}  # point to point, which rests at each
     whole = [math.floor(count + 0.5) for count in counts]
     if min(whole) >= STREAM_POINTS - 1:
         return {'program.acknowledge': 'taken'}  # all were accepted immediately

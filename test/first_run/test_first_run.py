@@ -247,13 +247,13 @@ def test_normal_controller_completes_every_step(tmp_path):
 HABITS = [
     (['listen'], {'between': (joints_as(rounded),)}, 'joint states are rounded to 0.01 degrees'),
     (['listen'], {'dialect': BIG_ENDIAN}, 'byte_order is big'),
-    (['listen'], {'profile': changed(state={'period': 0.02})}, 'the profile simulated says 0.005'),
+    (['listen'], {'profile': changed(state={'period': 0.02})}, '0.005 in the profile simulated'),
     (
         ['pendant'],
         {'between': (joints_as(third_turned), joints_as(third_turned))},
         'joint_3 has the opposite sign',
     ),
-    (['questions'], {'faults': ['delay:seconds=0.1,port=motion']}, 'replies come 100 ms late'),
+    (['questions'], {'faults': ['delay:seconds=0.1,port=motion']}, 'replies are 100 ms late'),
     (['questions'], {'faults': ['lost_reply:count=1,skip=5']}, '1 of 5 requests had no reply'),
     (['E-stop'], {'between': (other_number,)}, 'error number 7777 is not in the table'),
     (
