@@ -39,7 +39,7 @@ MIN_BEND_RAD = 2e-3
 """Maximum distance of a joint from the chord: as a multiple of the spline's, and at least, rad."""
 VELOCITY_SHARE = 0.9995
 """Share of the limit allowed at nodes, because the velocity may bulge between them."""
-MOST_NODES = 4000
+MAX_NODES = 4000
 """More would take ipopt hours."""
 LOOKS = 8
 """Samples per step of the solution, for its use of the limits."""
@@ -85,7 +85,7 @@ def optimum(trajectory: BenchmarkTrajectory, limits: JointLimits) -> Optimum | N
     spline = run(STRATEGIES[ON_SPLINE], trajectory, limits)
     waypoints = merged(trajectory.positions)
     grid = _grid(waypoints, _times(waypoints, spline))
-    if len(grid.way) > MOST_NODES:
+    if len(grid.way) > MAX_NODES:
         return None
     bends = np.maximum(BEND_RATIO * _bends(waypoints, spline), MIN_BEND_RAD)
     answer = _solved(grid, spline, bends, limits)

@@ -156,8 +156,8 @@ def _half_turns(angle: float) -> int:
 
 
 LAST_NUMBER = 999
-MOST_LABEL_CHARACTERS = 16
-MOST_BYTES = 4_000_000
+MAX_LABEL_CHARACTERS = 16
+MAX_BYTES = 4_000_000
 """Maximum file size. A file of 1000 points has a tenth of it."""
 
 _NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
@@ -337,9 +337,9 @@ def _block(number: int, held: _Held) -> Block:
         known = 'a .pts file needs the posture of the arm, which is known only when taught'
     if isinstance(known, str):
         raise InputError(f'point {held.name}: {known}: save a .yaml file, or teach it in RC+')
-    if len(held.name) > MOST_LABEL_CHARACTERS:
+    if len(held.name) > MAX_LABEL_CHARACTERS:
         raise InputError(
-            f'point {held.name}: a label of RC+ has at most {MOST_LABEL_CHARACTERS} characters'
+            f'point {held.name}: a label of RC+ has at most {MAX_LABEL_CHARACTERS} characters'
         )
     point = held.point or EpsonPoint(0.0, 0.0, 0.0)
     values = (point.x, point.y, point.z, point.u, point.v, point.w)
@@ -371,7 +371,7 @@ _Read = tuple[dict[str, _Held], tuple[bytes, Block] | None]
 
 def _from_pts(file: Path) -> _Read:
     """Read a .pts file. Raises ValueError, OSError."""
-    content = read_file(file, MOST_BYTES)
+    content = read_file(file, MAX_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
     points: dict[str, _Held] = {}
     for block in top.blocks('Point'):

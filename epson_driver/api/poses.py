@@ -75,12 +75,12 @@ class Tool:
 
     def check(self, speed: float, acceleration: float) -> None:
         """Raise ValueError if a motion exceeds the tool's limits."""
-        for name, value, most, unit in (
+        for name, value, maximum, unit in (
             ('speed', speed, self.max_speed, 'm/s'),
             ('acceleration', acceleration, self.max_acceleration, 'm/s²'),
         ):
-            if most is not None and value > most:
-                raise ValueError(f'{name} = {value:g} {unit}: the tool allows {most:g} {unit}')
+            if maximum is not None and value > maximum:
+                raise ValueError(f'{name} = {value:g} {unit}: the tool allows {maximum:g} {unit}')
 
 
 def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:

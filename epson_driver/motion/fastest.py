@@ -72,8 +72,8 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     speeds = np.interp(moments, profile.times, profile.speeds)[:, None]
     position, slope, bend, _ = path.sample(us)
     velocity = np.clip(slope * speeds, -0.95 * limits.velocity, 0.95 * limits.velocity)
-    most = 0.9 * limits.acceleration
-    acceleration = np.clip(bend * speeds**2, -most, most)
+    upper = 0.9 * limits.acceleration
+    acceleration = np.clip(bend * speeds**2, -upper, upper)
     position[first], velocity[[0, -1]], acceleration[[0, -1]] = waypoints, 0.0, 0.0
     chords = np.diff(waypoints, axis=0)
     bends = np.maximum(BEND_RATIO * _bends(path), MIN_BEND) + tolerance

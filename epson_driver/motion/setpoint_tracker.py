@@ -188,11 +188,11 @@ class SetpointTracker:
         # a joint beyond its jerk limit would oscillate, so it moves with full jerk to the position
         # at which a stop from the stream would end
         rest = target + stopping_way(self.limits, wanted)
-        most = np.where(rest > self.motion.end, self.limits.jerk, -self.limits.jerk)
+        upper = np.where(rest > self.motion.end, self.limits.jerk, -self.limits.jerk)
         hard = np.abs(jerk) > self.limits.jerk
-        jerk = np.where(hard, most, jerk)
-        low = np.where(hard & (most < 0.0), np.maximum(low, np.minimum(rest, position)), low)
-        high = np.where(hard & (most > 0.0), np.minimum(high, np.maximum(rest, position)), high)
+        jerk = np.where(hard, upper, jerk)
+        low = np.where(hard & (upper < 0.0), np.maximum(low, np.minimum(rest, position)), low)
+        high = np.where(hard & (upper > 0.0), np.minimum(high, np.maximum(rest, position)), high)
         low, high = np.maximum(low, self._low), np.minimum(high, self._high)
         jerk = np.clip(jerk, _towards(-fastest, state, dt), _towards(fastest, state, dt))
         self._take(self._stepped(state, dt, jerk, fastest, low, high), ending=False)
@@ -291,12 +291,12 @@ class _Joint:
         The duration is the whole step, or shorter if the joint must start to stop earlier.
         """
         a = state[2]
-        least = max(-self.jerk, (-self.acceleration - a) / self.dt)
-        most = min(self.jerk, (self.acceleration - a) / self.dt)
-        jerk = min(max(jerk, least), most)
+        minimum = max(-self.jerk, (-self.acceleration - a) / self.dt)
+        maximum = min(self.jerk, (self.acceleration - a) / self.dt)
+        jerk = min(max(jerk, minimum), maximum)
         if self._keeps(self.dt, jerk, state, low, high):
             return jerk, self.dt
-        for good in (least, most):
+        for good in (minimum, maximum):
             if not self._keeps(self.dt, good, state, low, high):
                 continue
             bad = jerk
@@ -345,14 +345,14 @@ class _Joint:
 
     def stop(self, velocity: float, acceleration: float) -> tuple[tuple[float, float], ...]:
         """Return the fastest stop: three (duration in s, jerk) pairs."""
-        most = self.jerk
+        jerk = self.jerk
         side = self._side(velocity, acceleration)
         v, a = side * velocity, side * acceleration
-        brake, hold = math.sqrt(max(most * v + a * a / 2.0, 0.0)), 0.0
+        brake, hold = math.sqrt(max(jerk * v + a * a / 2.0, 0.0)), 0.0
         if brake > self.acceleration:
             brake = self.acceleration
-            hold = (v + a * abs(a) / (2.0 * most)) / brake - brake / most
-        return (max(a + brake, 0.0) / most, -side * most), (hold, 0.0), (brake / most, side * most)
+            hold = (v + a * abs(a) / (2.0 * jerk)) / brake - brake / jerk
+        return (max(a + brake, 0.0) / jerk, -side * jerk), (hold, 0.0), (brake / jerk, side * jerk)
 
 
 def _after(p: float, v: float, a: float, t: float, j: float) -> tuple[float, float, float]:

@@ -149,9 +149,9 @@ def smoothed(
     timed = mode is Mode.TIME_PRESERVING
     whole = not timed and refine and look_ahead == np.inf
     if path_tolerance != 0.0:
-        least = MIN_TOLERANCE if timed else 0.0
+        minimum = MIN_TOLERANCE if timed else 0.0
         free = whole or (timed and look_ahead == np.inf)
-        if not (free and least <= path_tolerance <= MAX_PATH_TOLERANCE):
+        if not (free and minimum <= path_tolerance <= MAX_PATH_TOLERANCE):
             raise ValueError(
                 f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}, for '
                 f'points with times 0 or from {MIN_TOLERANCE:g} on, and 0 with a look-ahead, or '

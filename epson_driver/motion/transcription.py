@@ -141,8 +141,8 @@ class Search:
         nodes = self._nodes
         self._jerks = np.zeros((m, n, STEPS))
         self._follow()
-        most = FIRST_JERK_SHARE * self._j[:, None]
-        self._jerks = np.clip(-self._missing @ _turned(self._inverse()), -most, most)
+        upper = FIRST_JERK_SHARE * self._j[:, None]
+        self._jerks = np.clip(-self._missing @ _turned(self._inverse()), -upper, upper)
         self._follow()
         self._places = self._nearest(problem.chord)
 

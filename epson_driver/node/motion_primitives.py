@@ -16,7 +16,7 @@ from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSeq
 from geometry_msgs.msg import PoseStamped
 from rclpy.action.server import ServerGoalHandle
 
-from epson_driver.driver.delivery.statements import MOST_CHARACTERS, Load, StatementDelivery
+from epson_driver.driver.delivery.statements import MAX_CHARACTERS, Load, StatementDelivery
 from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
@@ -353,7 +353,7 @@ def sequence_statement(
             texts.append(statements.path(arm, tool, positions, speeds, primitive.via))
         start = end
     text = '; '.join(texts)
-    if len(text) > MOST_CHARACTERS:
+    if len(text) > MAX_CHARACTERS:
         raise _invalid(f'{len(primitives)} motions: too long for one $Execute, send fewer')
     return text
 

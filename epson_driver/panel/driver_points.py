@@ -14,7 +14,7 @@ PERIOD_S = 2.0
 TIMEOUT_S = 5.0
 """Timeout, s. A driver that has died in between never answers."""
 
-MOST = 200
+MAX = 200
 """Maximum number of points shown."""
 
 
@@ -64,7 +64,7 @@ class DriverPoints:
         if answer is None:
             return
         match = {}
-        for name, pose in zip(answer.names[:MOST], answer.poses, strict=False):
+        for name, pose in zip(answer.names[:MAX], answer.poses, strict=False):
             at, turn = pose.position, pose.orientation
             values = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w])
             if np.isfinite(values).all() and abs(np.linalg.norm(values[3:]) - 1.0) < 1e-3:

@@ -94,9 +94,9 @@ class Jog:
         """
         index = self._joint(axis)
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'
-        most = MAX_STEP_RAD if turns else MAX_STEP_M
-        if not 0.0 < abs(size) <= most:
-            raise RequestError(f'step = {size:g}: must be within {most:.3g} rad or m')
+        maximum = MAX_STEP_RAD if turns else MAX_STEP_M
+        if not 0.0 < abs(size) <= maximum:
+            raise RequestError(f'step = {size:g}: must be within {maximum:.3g} rad or m')
         if index is not None:
             goal = joints.copy()
             goal[index] += size

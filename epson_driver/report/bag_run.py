@@ -99,9 +99,9 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
     namespace: the robot's, needed if the bag has several joint_states. Raises RunError if
     something is missing or the bag cannot be read, with the reason.
     """
-    most = USUAL_BYTES + GROWTH * _size(path)
+    maximum = USUAL_BYTES + GROWTH * _size(path)
     try:
-        with _bounded(most):
+        with _bounded(maximum):
             try:
                 return _read_whole(path, path, texts, namespace)
             except (RunError, MemoryError):
@@ -116,7 +116,7 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
     except (RunError, InputError):
         raise
     except MemoryError as error:
-        text = f'expands to more than {most / MEGABYTE:.0f} MB of memory: record fewer topics'
+        text = f'expands to more than {maximum / MEGABYTE:.0f} MB of memory: record fewer topics'
         raise RunError(printable(f'{path}: {text}')) from error
     except (AnyReaderError, OSError) as error:
         raise RunError(printable(f'{path}: {error}')) from error

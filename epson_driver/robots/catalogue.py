@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from epson_driver.inputs import InputError, printable, read_yaml, shown, yaml_line
 from epson_driver.share import share_file, share_folder
 
-MOST_NAMES = 6
+MAX_NAMES = 6
 """Maximum number of similar names in the error for an unknown name."""
 
 ALIKE = 0.4
@@ -55,7 +55,7 @@ def model_name(name: str) -> str:
         return models.get(wanted) or models[wanted + 's']
     if len(start) == 1:
         return start[0]
-    alike = [models[match] for match in get_close_matches(wanted, models, MOST_NAMES, ALIKE)]
+    alike = [models[match] for match in get_close_matches(wanted, models, MAX_NAMES, ALIKE)]
     series = [model for model in models.values() if wanted.startswith(model.partition('_')[0])]
     raise FileNotFoundError(
         f'no robot model {printable(name)}{_unknown(wanted) or _near(start or alike or series)}; '
@@ -122,7 +122,7 @@ def _plain(name: str) -> str:
 
 
 def _near(models: list[str]) -> str:
-    names = models[:MOST_NAMES] + ['…'] * (len(models) > MOST_NAMES)
+    names = models[:MAX_NAMES] + ['…'] * (len(models) > MAX_NAMES)
     return f'; did you mean {" or ".join(names)}?' if models else ''
 
 

@@ -36,7 +36,7 @@ AXIS_RANGE: Range = (-1.0, 1.0, '')
 PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
 WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
 
-MOST_PAYLOAD_KG = 1000.0
+MAX_PAYLOAD_KG = 1000.0
 """Maximum payload if the model's data contain none."""
 
 XYZ = ('x', 'y', 'z')
@@ -55,7 +55,7 @@ MIN_PULSES_PER_DEGREE = 1e-3
 UNIT_TOLERANCE = 1e-9
 """Tolerance of the length of an axis vector, which must be 1."""
 
-MOST_IN_RADIANS = 26.0
+MAX_IN_RADIANS = 26.0
 """Degrees. If no joint turns farther, its range is probably in radians: 26 are four turns."""
 
 LEAST_LENGTH_M = 0.02
@@ -127,7 +127,7 @@ class RobotModel:
 
     def checked_payload(self, payload: float, field: str = 'payload') -> float:
         """Return a payload mass, kg. Raises InputError if the arm may not carry it."""
-        rule = number(0.0, MOST_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
+        rule = number(0.0, MAX_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
         return float(rule.checked(payload, field))
 
     def for_folding_arm(self, joints: Sequence[float]) -> Array:
@@ -240,7 +240,7 @@ def _limits(reader: Reader, keys: dict[str, str], types: tuple[str, ...]) -> Joi
     turns = [
         high - low for (low, high), kind in zip(ranges, types, strict=True) if kind != PRISMATIC
     ]
-    if turns and max(turns) < MOST_IN_RADIANS:
+    if turns and max(turns) < MAX_IN_RADIANS:
         rule = f'no joint turns by more than {max(turns):g} degrees: are these radians?'
         raise reader.error(keys['range'], ranges.tolist(), rule)
     acceleration = reader.numbers(keys['acceleration'], count, LIMIT_RANGE)

@@ -32,8 +32,8 @@ from epson_driver.spel.values import (
     store,
 )
 
-_MOST_COUNTERS = 16
-_MOST_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
+_MAX_COUNTERS = 16
+_MAX_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
 def seconds(task: Task, time: float) -> float:
@@ -296,8 +296,8 @@ def _decimal_out(task: Task, port: float, given: float, words: tuple[str, ...] =
 def reset_counter(task: Task, bit: float) -> None:
     """CTReset bit: start to count the input from 0."""
     counters, number = task.world.counters, nearest(bit)
-    if number not in counters and len(counters) == _MOST_COUNTERS:
-        raise bad('CTReset', f'{_MOST_COUNTERS} inputs are already counted')
+    if number not in counters and len(counters) == _MAX_COUNTERS:
+        raise bad('CTReset', f'{_MAX_COUNTERS} inputs are already counted')
     counters[number] = Counter(0, task.world.host.read_bits(Memory.INPUT, number, 1))
 
 
@@ -373,10 +373,10 @@ def redim(
     _task: Task, array: Array, bounds: tuple[int, ...], preserve: bool, shared: bool
 ) -> None:
     """Redim [Preserve] a(…)."""
-    numbers, strings = _MOST_ELEMENTS[shared]
-    most = strings if TYPES[array.type].kind == STRING else numbers
-    if min(bounds) < 0 or size(bounds) > most:
-        raise bad('Redim', f'bounds {bounds} are below 0 or give more than {most} elements')
+    numbers, strings = _MAX_ELEMENTS[shared]
+    maximum = strings if TYPES[array.type].kind == STRING else numbers
+    if min(bounds) < 0 or size(bounds) > maximum:
+        raise bad('Redim', f'bounds {bounds} are below 0 or give more than {maximum} elements')
     array.resize(bounds, preserve)
 
 

@@ -597,10 +597,10 @@ class Compiler:
             text = f'there is no function {statement.target}'
             raise SyntaxProblem(statement.at, text, 'unknown')
         if code is not None:
-            most = 3 if statement.event == 'error' else 0
+            maximum = 3 if statement.event == 'error' else 0
             whole = all(TYPES[parameter.type].kind == INT for parameter in code.parameters)
             if (
-                len(code.parameters) > most
+                len(code.parameters) > maximum
                 or not whole
                 or any(parameter.by_reference for parameter in code.parameters)
             ):

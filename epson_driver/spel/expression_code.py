@@ -69,9 +69,9 @@ class Code(NamedTuple):
 
 def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:
     """Raise SyntaxProblem unless the number of arguments is valid for a function."""
-    least, most = counts(rule.arguments)
-    if not least <= len(arguments) <= most:
-        number = str(least) if least == most else f'{least} to {most}'
+    minimum, maximum = counts(rule.arguments)
+    if not minimum <= len(arguments) <= maximum:
+        number = str(minimum) if minimum == maximum else f'{minimum} to {maximum}'
         text = f'{rule.name} takes {number} arguments, not {len(arguments)}'
         raise SyntaxProblem(at, text, 'arguments')
 

@@ -25,7 +25,7 @@ from epson_driver.spel.values import POINT
 DEEPEST = 40
 """Maximum nesting of brackets, signs and Nots."""
 
-MOST_OPERATORS = 100
+MAX_OPERATORS = 100
 """Maximum operators in one statement."""
 
 _LEVELS: tuple[tuple[str, ...], ...] = (
@@ -176,7 +176,7 @@ class Reader:
         while self.sees(*operators):
             token = self.step()
             self._operators += 1
-            if self._operators > MOST_OPERATORS:
+            if self._operators > MAX_OPERATORS:
                 raise SyntaxProblem(token.position, 'the expression is too long: divide it')
             operator = _SAME.get(token.lower, token.lower)
             left = Binary(operator, left, self._binary(level + 1), token.position)
@@ -215,7 +215,7 @@ class Reader:
             else:
                 return left
             self._operators += 1
-            if self._operators > MOST_OPERATORS:
+            if self._operators > MAX_OPERATORS:
                 raise SyntaxProblem(self.here.position, 'the expression is too long: divide it')
 
     def _flag(self, point: Expression, sign: Token) -> Expression:

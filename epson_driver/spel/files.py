@@ -19,7 +19,7 @@ from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.host import NetSettings
 from epson_driver.spel.words import WORDS
 
-MOST_BYTES = 20_000_000
+MAX_BYTES = 20_000_000
 """Maximum bytes that a program may write in total."""
 
 _PROJECT = ('.prg', '.inc', '.sprj', 'iolabels.dat', 'usererrors.dat', 'macros.dat')
@@ -42,7 +42,7 @@ def _said(name: str) -> Iterator[None]:
 class Files:
     """The files of a program, stored in the project's `folder` if `keep` is set."""
 
-    most_bytes = MOST_BYTES
+    most_bytes = MAX_BYTES
 
     def __init__(self, folder: Path | None = None, keep: bool = False) -> None:
         self._folder = folder
@@ -83,14 +83,14 @@ class Files:
         if there is None or not there.is_file():
             return None
         with _said(name):
-            return read_file(there, MOST_BYTES)
+            return read_file(there, MAX_BYTES)
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file. Raises SpelError."""
         key = self.path(name)
         others = sum(len(item) for path, item in self._written.items() if item and path != key)
-        if others + len(content) > MOST_BYTES:
-            raise _bad(f'{name}: more than {MOST_BYTES} bytes')
+        if others + len(content) > MAX_BYTES:
+            raise _bad(f'{name}: more than {MAX_BYTES} bytes')
         if self._keep and key not in self._taught:
             with _said(name):
                 write_file(self._target(name, key), content)

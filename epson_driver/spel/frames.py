@@ -17,7 +17,7 @@ _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
 _BASE_U = 'baseu'
 PLACES = 9
 """Decimals, mm or degrees, to which a product of rotations is rounded."""
-MOST_PLACES = 32_767
+MAX_PLACES = 32_767
 """Maximum number of places of a pallet."""
 
 
@@ -269,10 +269,10 @@ class Pallet:
 def new_pallet(given: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
     """Return a pallet between corners given as places in space. Raises SpelError."""
     for name, count in (('columns', columns), ('rows', rows)):
-        if not 1 <= count <= MOST_PLACES:
-            raise bad('Pallet', f'{count} {name} are not in 1..{MOST_PLACES}')
-    if columns * rows >= MOST_PLACES:
-        raise bad('Pallet', f'{columns} times {rows} positions are not below {MOST_PLACES}')
+        if not 1 <= count <= MAX_PLACES:
+            raise bad('Pallet', f'{count} {name} are not in 1..{MAX_PLACES}')
+    if columns * rows >= MAX_PLACES:
+        raise bad('Pallet', f'{columns} times {rows} positions are not below {MAX_PLACES}')
     if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in given):
         raise bad('Pallet', 'the corners must be positions in space')
     return Pallet(given, columns, rows, out)

@@ -14,7 +14,7 @@ from epson_driver.spel.values import LONGEST_STRING, SINGLE, Array, Point, overf
 _NUMBER = re.compile(
     r'\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|&[hH][0-9a-fA-F]+|&[oO][0-7]+|&[bB][01]+)'
 )
-_MOST_ELEMENTS = 200
+_MAX_ELEMENTS = 200
 
 
 REAL_DIGITS, DOUBLE_DIGITS = 7, 15
@@ -188,9 +188,9 @@ def parse_string(text: str, into: Array, delimiters: str) -> int:
         parts = [part for part in re.split(f'[{re.escape(delimiters)}]', text) if part]
     if len(into.bounds) != 1:
         raise bad('ParseStr', 'needs an array of one dimension')
-    into.resize((max(len(parts[:_MOST_ELEMENTS]) - 1, 0),), keep=False)
-    into.d[: len(parts)] = parts[:_MOST_ELEMENTS]
-    return min(len(parts), _MOST_ELEMENTS)
+    into.resize((max(len(parts[:_MAX_ELEMENTS]) - 1, 0),), keep=False)
+    into.d[: len(parts)] = parts[:_MAX_ELEMENTS]
+    return min(len(parts), _MAX_ELEMENTS)
 
 
 def upper_bound(array: Array, dimension: int = 1) -> int:

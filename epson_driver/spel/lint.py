@@ -67,7 +67,7 @@ from epson_driver.spel.words import CONSTANTS, WORDS
 LONGEST_LINE = 512
 LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
-MOST_WAIT_VARIABLES = 64
+MAX_WAIT_VARIABLES = 64
 _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
 """Offset from a comparison's limit to the last, or first, index that it allows."""
 
@@ -487,9 +487,9 @@ class _Lint:
                 f'{name} is in a Wait condition in {at.file}:{at.line}: it cannot be passed ByRef'
             )
             yield Problem(handed[name], 'wait-by-reference', text)
-        if len(watched) > MOST_WAIT_VARIABLES:
+        if len(watched) > MAX_WAIT_VARIABLES:
             text = f'{len(watched)} variables in Wait conditions: a controller accepts '
-            text += f'{MOST_WAIT_VARIABLES}'
+            text += f'{MAX_WAIT_VARIABLES}'
             yield Problem(max(watched.values()), 'wait-variables', text)
 
     def _comparisons(self) -> Iterator[Problem]:

@@ -26,7 +26,7 @@ from epson_driver.spel.values import LONGEST_STRING, TYPES, Array, Point, Value,
 ONE_TASK = ': one task opens, uses and closes a port'
 _DISPLAYS = (0, 20, 21, 24)
 """Devices that display printed text, like the run window."""
-_MOST_BYTES = 1_023
+_MAX_BYTES = 1_023
 _LONGEST_LINE = 1_024
 _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
 
@@ -161,10 +161,10 @@ def _send(task: Task, name: str, number: int, data: bytes) -> None:
 
 
 def _count(name: str, count: int | None, array: Array) -> int:
-    most = min(len(array.d), _MOST_BYTES)
+    maximum = min(len(array.d), _MAX_BYTES)
     if len(array.bounds) != 1:
         raise bad(name, 'needs an array of one dimension')
-    return within(name, most if count is None else count, 1, most)
+    return within(name, maximum if count is None else count, 1, maximum)
 
 
 def _byte(value: int, type_name: str) -> Value:

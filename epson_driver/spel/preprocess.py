@@ -15,12 +15,12 @@ from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.lexer import NAME, SYMBOL, Token, tokens
 
 DEEPEST_INCLUDE = 16
-MOST_PARAMETERS = 8
-MOST_TOKENS = 20_000
+MAX_PARAMETERS = 8
+MAX_TOKENS = 20_000
 """Maximum tokens of one line during macro expansion."""
 DEEPEST_DEFINITION = 50
 """Maximum macro nesting depth."""
-MOST_LINES = 200_000
+MAX_LINES = 200_000
 """Maximum lines of one file including its included files."""
 
 _DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
@@ -72,10 +72,10 @@ class Preprocessor:
         conditions: list[_Condition] = []
         for number, line in enumerate(text.split('\n'), 1):
             self._count += 1
-            if self._count > MOST_LINES:
+            if self._count > MAX_LINES:
                 where = Position(name, number)
                 self._problems.append(
-                    Problem(where, 'include', f'the program has more than {MOST_LINES} lines')
+                    Problem(where, 'include', f'the program has more than {MAX_LINES} lines')
                 )
                 return
             try:
@@ -162,8 +162,8 @@ class Preprocessor:
             names, commas = inner[::2], inner[1::2]
             wrong = any(item.kind != NAME for item in names)
             wrong = wrong or any(comma.text != ',' for comma in commas)
-            if wrong or (inner and len(inner) % 2 == 0) or len(names) > MOST_PARAMETERS:
-                text = f'#define takes at most {MOST_PARAMETERS} names as parameters'
+            if wrong or (inner and len(inner) % 2 == 0) or len(names) > MAX_PARAMETERS:
+                text = f'#define takes at most {MAX_PARAMETERS} names as parameters'
                 raise SyntaxProblem(position, text, 'preprocessor')
             parameters = tuple(item.lower for item in names)
         self.definitions[name.lower] = Definition(parameters, tuple(rest))
@@ -180,7 +180,7 @@ class Preprocessor:
             token = found[at]
             at += 1
             self._steps += 1
-            if self._steps > MOST_TOKENS or len(hidden) > DEEPEST_DEFINITION:
+            if self._steps > MAX_TOKENS or len(hidden) > DEEPEST_DEFINITION:
                 text = 'the #defines make the line too long'
                 raise SyntaxProblem(token.position, text, 'preprocessor')
             definition = self.definitions.get(token.lower) if token.kind == NAME else None

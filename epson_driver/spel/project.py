@@ -141,10 +141,10 @@ def _threes(line: Line) -> Iterable[tuple[Token, Token, Token]]:
     return zip(padded, padded[1:], padded[2:], strict=False)
 
 
-MOST_ELEMENTS = 2_000_000
+MAX_ELEMENTS = 2_000_000
 """Maximum elements of all shared arrays together."""
 
-MOST_TEXT = 50_000
+MAX_TEXT = 50_000
 """Maximum characters of Python per compilation, which needs about 150 bytes for each."""
 
 OFF = "'"
@@ -288,8 +288,8 @@ def build_with(
             except SyntaxProblem as problem:
                 problems.append(problem.problem)
     total = sum(size(variable.bounds) for variable in variables)
-    if total > MOST_ELEMENTS:
-        text = f'the shared arrays have {total} elements, at most {MOST_ELEMENTS} are simulated'
+    if total > MAX_ELEMENTS:
+        text = f'the shared arrays have {total} elements, at most {MAX_ELEMENTS} are simulated'
         problems.append(Problem(variables[-1].at, 'array-size', text))
         variables.clear()
     for file, scope in scopes:
@@ -298,7 +298,7 @@ def build_with(
                 Compiler(function, scope.for_function(), codes, problems, notes).compile()
     portions = ['']
     for text in (text for code in codes.values() for text in code.source):
-        if len(portions[-1]) > MOST_TEXT:
+        if len(portions[-1]) > MAX_TEXT:
             portions.append('')
         portions[-1] += text
     source = tuple(portions)

@@ -13,7 +13,7 @@ _TASKS = (1, 267)
 _CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7
 """Maximum waiting time, s."""
-_MOST = 32767
+_MAX = 32767
 """Limit where the manual has none: Accel above 100 depends on the robot (p68), bits on the I/O."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
@@ -23,20 +23,20 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('speedfactor', ((1, 100),)),
         ('speeds', ((0.1, 2000),) * 3),
         ('speedr', ((0.1, 1000),)),
-        ('accel', ((1, _MOST),) * 6),
+        ('accel', ((1, _MAX),) * 6),
         ('accels', ((0.1, 25000),) * 6),
         ('accelr', ((0.1, 5000),) * 2),
-        ('weight inertia', ((0, _MOST),) * 2),
-        ('on off', ((0, _MOST), (0, _LONGEST))),
-        ('sw oport in inw inbcd setsw ctr ctreset', ((0, _MOST),)),
-        ('setin', ((0, _MOST), (0, 255))),
-        ('setinw', ((0, _MOST), (-32768, 65535))),
+        ('weight inertia', ((0, _MAX),) * 2),
+        ('on off', ((0, _MAX), (0, _LONGEST))),
+        ('sw oport in inw inbcd setsw ctr ctreset', ((0, _MAX),)),
+        ('setin', ((0, _MAX), (0, 255))),
+        ('setinw', ((0, _MAX), (-32768, 65535))),
         ('tool pallet palletclr', ((0, 15),)),
         ('tlset tlclr local localclr', ((1, 15),)),
         ('box boxclr boxdef insidebox getrobotinsidebox', ((1, 15),)),
         ('plane planeclr planedef insideplane getrobotinsideplane', ((1, 15),)),
         ('arch', ((0, 6),)),
-        ('columns rows', ((1, _MOST),)),
+        ('columns rows', ((1, _MAX),)),
         ('redim', ((0, inf),)),
         ('arch(', ((0, 6), (1, 2))),
         ('box(', ((1, 15), (1, 2))),
@@ -48,9 +48,9 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('memin', ((0, 127),)),
         ('memoutw', ((0, 63), (-32768, 65535))),
         ('meminw', ((0, 63),)),
-        ('out', ((0, _MOST), (0, 255))),
-        ('outw', ((0, _MOST), (-32768, 65535))),
-        ('opbcd', ((0, _MOST), (0, 99))),
+        ('out', ((0, _MAX), (0, 255))),
+        ('outw', ((0, _MAX), (-32768, 65535))),
+        ('opbcd', ((0, _MAX), (0, 99))),
         ('setnet opennet closenet chknet lof', (PORTS,)),
         ('waitnet', (PORTS, (0, _LONGEST))),
         ('aopen bopen ropen uopen wopen', (None, FILES)),

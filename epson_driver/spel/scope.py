@@ -139,9 +139,9 @@ def check_size(
 ) -> None:
     """Raise SyntaxProblem for an array larger than its scope allows."""
     numbers, strings = LIMITS[scope]
-    most = strings if TYPES[type_name].kind == 's' else numbers
-    if size(bounds) > most:
+    maximum = strings if TYPES[type_name].kind == 's' else numbers
+    if size(bounds) > maximum:
         text = (
-            f'{name} has {size(bounds)} elements; {scope} arrays of this type have at most {most}'
+            f'{name} has {size(bounds)} elements; {scope} arrays of this type: at most {maximum}'
         )
         raise SyntaxProblem(at, text, 'array-size')

@@ -112,8 +112,8 @@ def _parts(
     """Return moves and the blends between them. Raises BlendError."""
     steps = [last - first for first, last in pairwise(corners)]
     sizes = [
-        float(np.max(np.abs(step) / most.velocity))
-        for step, most in zip(steps, limits, strict=True)
+        float(np.max(np.abs(step) / maximum.velocity))
+        for step, maximum in zip(steps, limits, strict=True)
     ]
     for index, size in enumerate(sizes):
         if size < SHORTEST_MOVE_S:

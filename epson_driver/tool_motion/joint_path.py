@@ -85,7 +85,7 @@ def joint_path(
     ]
     wanted = np.concatenate([*looks, run.seams[-1:]]).tolist()[::-1]
     total = wanted[0]
-    least = float(np.min(np.diff(wanted[::-1]))) / CLOSEST
+    minimum = float(np.min(np.diff(wanted[::-1]))) / CLOSEST
     visited: list[float] = []
     rows: list[Array] = []
     positions: list[Array] = []
@@ -103,7 +103,7 @@ def joint_path(
         step = np.abs(solutions[0] - before)
         joint = int(np.argmax(step))
         if step[joint] > MAX_JOINT_STEP:
-            if visited and distance - visited[-1] > least:
+            if visited and distance - visited[-1] > minimum:
                 wanted.append((visited[-1] + distance) / 2.0)
                 continue
             names, units = kinematics.model.limits.names, kinematics.model.limits.units

@@ -212,8 +212,8 @@ def _slower(
 
     The shares are rounded down to the next of `levels` levels.
     """
-    least = min(float(shares.min()), 1.0 - 1e-9)
-    allowed = least ** (np.ceil(np.log(shares) / np.log(least) * levels - 1e-9) / levels)
+    minimum = min(float(shares.min()), 1.0 - 1e-9)
+    allowed = minimum ** (np.ceil(np.log(shares) / np.log(minimum) * levels - 1e-9) / levels)
     owners = _part_of(found, parts)
     cut = (np.diff(allowed) != 0.0) | (np.diff(owners) != 0)
     for start, end in pairwise([0, *(np.flatnonzero(cut) + 1).tolist(), len(shares)]):

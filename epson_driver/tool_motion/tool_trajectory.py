@@ -55,8 +55,8 @@ class ToolLimits:
 
     def beside(self, other: 'ToolLimits') -> 'ToolLimits':
         """Return the tighter of two sets of limits, for a blend between two motions."""
-        least = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
-        return ToolLimits(*least)
+        minimum = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
+        return ToolLimits(*minimum)
 
 
 def trajectory_along_runs(
@@ -117,19 +117,19 @@ def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
         ]
     )
     # per m (rad) of the path, its square and its cube, for the tool's position and for its turn
-    most = np.linalg.norm(looks.reshape(BEND_LOOKS, 3, 2, 3), axis=-1).max(axis=0)
-    most = np.maximum(most, TINY)
+    upper = np.linalg.norm(looks.reshape(BEND_LOOKS, 3, 2, 3), axis=-1).max(axis=0)
+    upper = np.maximum(upper, TINY)
     speed_limits = np.array([tool.speed, tool.turn_speed])
     urges = np.array([tool.acceleration, tool.turn_acceleration])
     speed = float(
         np.min(
             [
-                speed_limits / most[0],
-                np.sqrt(SIDEWAYS_SHARE * urges / most[1]),
-                np.cbrt(tool.jerk_ratio * urges / most[2]),
+                speed_limits / upper[0],
+                np.sqrt(SIDEWAYS_SHARE * urges / upper[1]),
+                np.cbrt(tool.jerk_ratio * urges / upper[2]),
             ]
         )
     )
-    sideways = min(float(np.max(speed**2 * most[1] / urges)), SIDEWAYS_SHARE)
-    acceleration = float(np.min(urges / most[0])) * np.sqrt(1.0 - sideways**2)
+    sideways = min(float(np.max(speed**2 * upper[1] / urges)), SIDEWAYS_SHARE)
+    acceleration = float(np.min(urges / upper[0])) * np.sqrt(1.0 - sideways**2)
     return PartLimits(size, speed, acceleration, tool.jerk_ratio * acceleration)

@@ -38,7 +38,7 @@ MAX_LOOKS = 2000
 AT_START = 0.02
 """Distance from the arm, rad or m, within which a first point is not a waypoint."""
 
-MOST_CHARACTERS = 4060
+MAX_CHARACTERS = 4060
 """Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
 
 NO_PLANS = (

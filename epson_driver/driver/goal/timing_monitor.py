@@ -48,8 +48,8 @@ class Timing:
     def deviates(self) -> bool:
         """Whether the goal ran at another speed than planned."""
         late = self.executed - self.planned
-        least = MIN_SLOWER_S if late > 0.0 else MIN_FASTER_S
-        return abs(late) > max(least, MIN_DEVIATION_SHARE * self.planned)
+        minimum = MIN_SLOWER_S if late > 0.0 else MIN_FASTER_S
+        return abs(late) > max(minimum, MIN_DEVIATION_SHARE * self.planned)
 
 
 class TimingMonitor:

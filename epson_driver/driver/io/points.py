@@ -135,8 +135,8 @@ def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> Io
         return IoResult.TYPE_FEATURE_UNSUPPORTED
     if io_type == IoType.ANALOG_OUTPUT:  # only the controller knows its range
         return IoResult.SUCCESS
-    most = _most(index, ranges) if io_type == IoType.GROUP_OUTPUT else 1
-    return IoResult.SUCCESS if 0 <= value <= most else IoResult.VALUE_OUT_OF_RANGE
+    maximum = _most(index, ranges) if io_type == IoType.GROUP_OUTPUT else 1
+    return IoResult.SUCCESS if 0 <= value <= maximum else IoResult.VALUE_OUT_OF_RANGE
 
 
 def shown(

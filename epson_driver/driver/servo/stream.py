@@ -133,8 +133,8 @@ class StreamFilter:
         self._fit = self._fitted()
         middle, _, slope, curvature = self._fit
         speed = velocity + slope + curvature * (time - middle)
-        least = np.minimum(np.abs(speed), np.abs(self._speed))
-        return np.where(speed * self._speed > 0.0, least, 0.0)
+        lower = np.minimum(np.abs(speed), np.abs(self._speed))
+        return np.where(speed * self._speed > 0.0, lower, 0.0)
 
     def _see_speed(self, speed: Array, span: float) -> None:
         """Compare the velocity between two setpoints with the previous one."""

@@ -54,8 +54,8 @@ class JointVelocity:
             self._velocities = self._closer_to_last(_slope(since, history[-1]), whole)
         else:
             before = history[-2][1]
-            least = [(new - old) / elapsed for new, old in zip(positions, before, strict=True)]
-            self._velocities = self._closer_to_last(least, whole)
+            minimum = [(new - old) / elapsed for new, old in zip(positions, before, strict=True)]
+            self._velocities = self._closer_to_last(minimum, whole)
         return self._velocities
 
     def in_window(self) -> list[Values]:

@@ -297,9 +297,9 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
     scale = np.stack([t, t**2, t**3], axis=1)
     hull = (most_by_s / limit).max(axis=1) / scale
     ends = (at_ends / limit).max(axis=1) / scale
-    most = 1.0 + LIMIT_TOLERANCE_SHARE
-    exceeded = (ends > most) & (hull <= TIGHT_HULL_RATIO * ends)
-    undecided = np.any((hull > most) & ~exceeded, axis=1)
+    upper = 1.0 + LIMIT_TOLERANCE_SHARE
+    exceeded = (ends > upper) & (hull <= TIGHT_HULL_RATIO * ends)
+    undecided = np.any((hull > upper) & ~exceeded, axis=1)
     outside = np.zeros(len(t), dtype=bool)
     open_ = np.flatnonzero(~confined[spans.segment])
     if len(open_):

@@ -338,7 +338,7 @@ def _turn(
     if high - points[knot, joint] < points[knot, joint] - low:
         border, inward = high, -1.0
     room = inward * (points[knot, joint] - border)
-    least = 0.0
+    minimum = 0.0
     for other in (knot - 1, knot + 1):
         if not 0 <= other < len(u):
             continue
@@ -351,5 +351,5 @@ def _turn(
         others = start + (5.0 * start + slope) * _TURN_SAMPLES + 10.0 * third * _TURN_SAMPLES**2
         others += room * (5.0 * _TURN_SAMPLES**4 + _TURN_SAMPLES**5)
         fourth = max(float(np.max(-others / (10.0 * _TURN_SAMPLES**3))), -LEAST_TURN_SHARE * third)
-        least = max(least, 20.0 * (fourth - room) / h**2)
-    return inward * TURN_RATIO * least
+        minimum = max(minimum, 20.0 * (fourth - room) / h**2)
+    return inward * TURN_RATIO * minimum

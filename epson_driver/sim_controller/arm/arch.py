@@ -140,9 +140,9 @@ class Arch:
             shares = np.linspace(first, last, CHECKS).tolist()
             ways = np.array([leg.curve.at(fraction)[0] for fraction in shares]), span.curve.samples
             away = [way - corner for way in ways]  # each is 0 at the corner
-            least = corner + sum(np.min(item, axis=0) for item in away)
-            most = corner + sum(np.max(item, axis=0) for item in away)
-            check_range(self._limits, np.array([least, most]))
+            minimum = corner + sum(np.min(item, axis=0) for item in away)
+            maximum = corner + sum(np.max(item, axis=0) for item in away)
+            check_range(self._limits, np.array([minimum, maximum]))
 
 
 def on(leg: Leg, position: Array) -> bool:

@@ -374,13 +374,13 @@ class PointToPoint:
         if statement.path is not None:
             along = statement.path(start, self.low_power)
             return Segment(statement, along, self._now, statement.speed, self.low_power)
-        speed, accel, most = statement.speed, statement.accel, 1.0
+        speed, accel, maximum = statement.speed, statement.accel, 1.0
         if self.low_power and self._caps is not None:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
-            most = self._caps.fraction
+            maximum = self._caps.fraction
         # With CP two moves overlap, and each may use half of the acceleration.
         overlaps = statement.cp or bool(self._segments)
-        accel = min(accel, OVERLAP_SHARE * most if overlaps else most)
+        accel = min(accel, OVERLAP_SHARE * maximum if overlaps else maximum)
         ends = (self.limits, start, statement.target)
         duration = statement.duration + overlap if statement.duration else 0.0
         motion = go_in(*ends, duration, speed, accel)

@@ -329,11 +329,11 @@ class MotionProgram:
 
     def _room_rejection(self) -> Rejection | None:
         """Return why the whole download cannot be queued behind the waiting points, or None."""
-        most = max(self._pending_limit, self._profile.download.buffer)
-        if len(self._queue) + len(self._download) <= most:
+        maximum = max(self._pending_limit, self._profile.download.buffer)
+        if len(self._queue) + len(self._download) <= maximum:
             return None
         return corrupt(
-            f'{len(self._queue)} points are already pending, at most {most} are possible'
+            f'{len(self._queue)} points are already pending, at most {maximum} are possible'
         )
 
     def _execute(self, points: list[JointTrajPt]) -> None:

@@ -45,9 +45,9 @@ def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
 
     Return None if it cannot be read. `accepts`: `program.accepts` of a profile.
     """
-    least = size - size // POINT_REALS * 2  # without velocity and duration
+    minimum = size - size // POINT_REALS * 2  # without velocity and duration
     if accepts == 'any':
-        if len(frame.body) < least:
+        if len(frame.body) < minimum:
             return None
         body = frame.body[:size].ljust(size, b'\0')
         point, request = MessageType.JOINT_TRAJ_PT, CommType.SERVICE_REQUEST

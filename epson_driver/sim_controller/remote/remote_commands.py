@@ -41,7 +41,7 @@ from epson_driver.spel.errors import OWN_NUMBERS
 _log = logging.getLogger(__name__)
 
 _MAX_ADDRESS = 65_535
-MOST_CHARACTERS = 4060
+MAX_CHARACTERS = 4060
 """Maximum length of the input of $Execute, and of its answer (RC+ 7.0 user's guide)."""
 
 _SIMULATED = 'simulated'
@@ -220,8 +220,8 @@ def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
     given = parameters[0] if parameters else ''
     if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
         raise CommandError(RemoteErrorNumber.FORMAT, 'statements must be in double quotes')
-    if len(given) > MOST_CHARACTERS:
-        text = f'statements and their output may have {MOST_CHARACTERS} characters'
+    if len(given) > MAX_CHARACTERS:
+        text = f'statements and their output may have {MAX_CHARACTERS} characters'
         raise CommandError(RemoteErrorNumber.FORMAT, text)
     return _begin(dialogue, given.rstrip()[1:-1])
 
@@ -259,7 +259,7 @@ def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
         if value.number not in (*OWN_NUMBERS, Shown.MOTION_ABORTED):
             dialogue.controller.show(Rejection(value.number, value.text))
         raise CommandError(RemoteErrorNumber.SYSTEM, f'error {value.number}: {value.text}')
-    return f'"{value[:MOST_CHARACTERS]}"' if value else None
+    return f'"{value[:MAX_CHARACTERS]}"' if value else None
 
 
 def _abort(dialogue: Dialogue, parameters: list[str]) -> None:

@@ -13,9 +13,9 @@ from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.sim_controller.clock import Timer
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import Send
-from epson_driver.sim_controller.remote.remote_commands import MOST_CHARACTERS, Dialogue, answer
+from epson_driver.sim_controller.remote.remote_commands import MAX_CHARACTERS, Dialogue, answer
 
-MAX_LINE_CHARACTERS = MOST_CHARACTERS + len('$Execute,""')
+MAX_LINE_CHARACTERS = MAX_CHARACTERS + len('$Execute,""')
 """Maximum characters of a line without its end. A longer line disconnects the client."""
 
 LOGIN_TIMEOUT_S = 300.0

@@ -59,12 +59,12 @@ class JointLeg:
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
         """Return the limits under Speed and Accel, and their maximum along the path."""
         way = np.abs(self.end - self.begin)
-        most = _shared(self._model.limits, *self._shares(way, low_power, share))
+        limits = _shared(self._model.limits, *self._shares(way, low_power, share))
         with np.errstate(divide='ignore'):
             v, a, j = (
-                np.min(item / way) for item in (most.velocity, most.acceleration, most.jerk)
+                np.min(item / way) for item in (limits.velocity, limits.acceleration, limits.jerk)
             )
-        return most, CurveSpeed(float(v), float(a), float(j))
+        return limits, CurveSpeed(float(v), float(a), float(j))
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion:
         """Return the motion from the current position."""

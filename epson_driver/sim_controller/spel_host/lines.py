@@ -34,7 +34,7 @@ NEAR_WRIST_RAD = math.radians(10.0)
 NEAR_HAND_M = 0.03
 """Distance of the wrist from joint 1's axis near a singularity: initial SingularityDist (p158)."""
 
-MOST_TURN_RAD = 2.0 * NEAR_WRIST_RAD
+MAX_TURN_RAD = 2.0 * NEAR_WRIST_RAD
 """Maximum deviation of the tool's orientation from its path."""
 
 ON_LINE_M, TRIES = 1e-9, 10
@@ -131,7 +131,7 @@ class _Looks:
                 joints += np.linalg.lstsq(slope, off, rcond=None)[0]
             outside = np.any((joints < limits.position_min) | (joints > limits.position_max))
             turned = np.trace(self._poses[index][:3, :3].T @ tool[:3, :3])
-            twisted = (turned - 1.0) / 2.0 < math.cos(MOST_TURN_RAD)
+            twisted = (turned - 1.0) / 2.0 < math.cos(MAX_TURN_RAD)
             if outside or twisted or np.max(np.abs(off)) >= ON_LINE_M:
                 return
             yield joints

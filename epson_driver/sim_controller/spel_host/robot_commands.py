@@ -8,7 +8,7 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.states import Event, Motors, RejectedError
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.spel_host.robot_values import MOST_ACCEL, RobotContext
+from epson_driver.sim_controller.spel_host.robot_values import MAX_ACCEL, RobotContext
 from epson_driver.spel import Completion, Point, SpelError, Value
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel.commands import WITHOUT_EFFECT
@@ -67,8 +67,8 @@ def apply(
 
 def _set(controller: Controller, name: str, arguments: Arguments) -> None:
     numbers = tuple(float(argument) for argument in arguments if isinstance(argument, int | float))
-    if name == 'Accel' and max(numbers) > MOST_ACCEL:
-        text = f'Accel {max(numbers):g}: this robot takes up to AccelMax, {MOST_ACCEL} %'
+    if name == 'Accel' and max(numbers) > MAX_ACCEL:
+        text = f'Accel {max(numbers):g}: this robot takes up to AccelMax, {MAX_ACCEL} %'
         raise SpelError(SpelNumber.ARGUMENT, text)
     controller.change_setting(name, numbers)
 

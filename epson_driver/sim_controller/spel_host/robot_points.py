@@ -296,8 +296,8 @@ class RobotPoints:
                 yield usual, other
             else:
                 yield (usual if side > 0.0 else other,)
-        for joint, middle, most in turns:  # p451 to p459
-            yield (f'j{joint}f{min(_half_turns(float(joints[joint - 1]) - middle), most)}',)
+        for joint, middle, maximum in turns:  # p451 to p459
+            yield (f'j{joint}f{min(_half_turns(float(joints[joint - 1]) - middle), maximum)}',)
 
     def _solutions(self, point: Point, pose: Array, near: Array) -> Array:
         try:

@@ -21,7 +21,7 @@ from epson_driver.spel.errors import bad
 Arguments = Sequence[int | float | Point]
 Result = int | float | Point | str
 
-MOST_ACCEL = 100
+MAX_ACCEL = 100
 _MM = 1000.0
 
 
@@ -250,7 +250,7 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'tillon': lambda robot, _: -1 if robot.motion.till_on else 0,
     'speed': _setting('Speed', 5),
     'accel': _setting('Accel', 5),
-    'accelmax': lambda _robot, _: MOST_ACCEL,
+    'accelmax': lambda _robot, _: MAX_ACCEL,
     'speeds': _setting('SpeedS', 50),
     'accels': _setting('AccelS', 200),
     'speedfactor': _setting('SpeedFactor', 100),

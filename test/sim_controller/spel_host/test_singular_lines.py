@@ -13,7 +13,7 @@ from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.sim_controller.spel_host.lines import (
     MAX_JOINT_STEP,
-    MOST_TURN_RAD,
+    MAX_TURN_RAD,
     NEAR_HAND_M,
     NEAR_WRIST_RAD,
 )
@@ -66,7 +66,7 @@ def test_tool_stays_on_its_line_but_changes_orientation(name, side, limit):
         np.testing.assert_allclose(reached[[0, -1]], expected[[0, -1]], atol=1e-8)
         cosine = (np.einsum('kij,kij->k', reached[:, :3, :3], expected[:, :3, :3]) - 1.0) / 2.0
         turned = np.arccos(np.clip(cosine, -1.0, 1.0))
-        assert np.max(turned) <= MOST_TURN_RAD
+        assert np.max(turned) <= MAX_TURN_RAD
         turning = turned > 1e-6
         through = [arm.sides(joint)[side // 2] for joint in joints]
         passed += turning.any() and through[0] * through[-1] < 0.0
