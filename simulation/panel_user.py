@@ -216,7 +216,7 @@ class PanelUser:
     async def jog(self, arms: bool, axis: str, frame: str, share: float, seconds: float) -> None:
         """Press a button for `seconds`."""
         self._arm_if(arms)
-        self._let_go()
+        self._release()
         self._finger = self._start(self._page, self._hold(axis, frame, share, seconds))
 
     async def step(self, arms: bool, axis: str, frame: str, share: float, size: float) -> None:
@@ -257,7 +257,7 @@ class PanelUser:
 
     async def page_closes(self) -> None:
         """Close the page, and open another one."""
-        self._let_go()
+        self._release()
         self._leave()
         number = self._window.number
         self._deliver(lambda: self.control.arming.disconnect(number))
@@ -297,7 +297,7 @@ class PanelUser:
         self._finger = None
         self._send('jog', share=0)
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         if self._finger is not None:
             self._finger.cancel()
             self._finger = None

@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from epson_driver.aio import MotionError, Robot, RobotError
-from epson_driver.api.ownership import let_go
+from epson_driver.api.ownership import release
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.driver import Driver
@@ -312,7 +312,7 @@ class RobotProcess(Process):
         """Kill the process and release everything it owned."""
         super().die()
         if self._robot is not None:
-            let_go(self._robot._connection)  # noqa: SLF001 - its memory is gone
+            release(self._robot._connection)  # noqa: SLF001 - its memory is gone
             self.lives.append(self._robot)
 
     @property
@@ -326,9 +326,9 @@ class RobotProcess(Process):
         if not self.linked:
             return
         self.linked = False
-        await self.ask(partial(self._let_go, lost and not self._asking))
+        await self.ask(partial(self._release, lost and not self._asking))
 
-    async def _let_go(self, lost: bool) -> None:
+    async def _release(self, lost: bool) -> None:
         robot, self._robot = self._robot, None
         if robot is not None and not lost:
             await robot.close()

@@ -103,7 +103,7 @@ class Users:
         self.requests: set[asyncio.Task[None]] = set()
         self._positions: dict[str, tuple[float, Array | None]] = {}
         """Topic → time and value of the last position, s and rad."""
-        self._heard: dict[str, str] = {}
+        self._received: dict[str, str] = {}
         """Topic → the last process that received it. A new process has missed the earlier
         setpoints."""
         self._count = 0
@@ -435,8 +435,8 @@ class Users:
 
     def _follow(self, setpoint: Setpoint) -> None:
         process = self._world.process
-        missed = self._heard.get(setpoint.source, process.name) != process.name
-        self._heard[setpoint.source] = process.name
+        missed = self._received.get(setpoint.source, process.name) != process.name
+        self._received[setpoint.source] = process.name
         received = int(self._world.system_time() * 1e9) + 1  # data read immediately has not waited
         process.call(partial(process.take, setpoint, received, missed))
 

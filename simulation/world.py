@@ -301,12 +301,12 @@ class World:
                 raise BrokenError(
                     f'9: the arm does not work again after {RECOVERY_S:g} s: {message}'
                 )
-        await self._until(lambda: not self.users.goals, self._patience, 'every goal has ended')
+        await self._until(lambda: not self.users.goals, self._timeout, 'every goal has ended')
         await asyncio.sleep(0.7)
         self._raise()
 
     @property
-    def _patience(self) -> float:
+    def _timeout(self) -> float:
         """Maximum time for a short goal, s. The process that prepares it may hang."""
         return ANSWER_S + (TIMEOUT_S if self.smoothing.wanted else 0.0)
 
@@ -325,7 +325,7 @@ class World:
             from_here=not self.in_python,
             on_end=lambda _, outcome: ended.append(outcome),
         )
-        await self._until(lambda: ended, self._patience, f'goal {number} ends')
+        await self._until(lambda: ended, self._timeout, f'goal {number} ends')
         return ended[0]
 
     def _look_at_gate(self) -> None:

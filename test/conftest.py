@@ -72,7 +72,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope='session', autouse=True)
-def _patience() -> None:
+def _timeout() -> None:
     """Allow processes a long time to end, because machines may be busy."""
     processes.END_TIMEOUT_S = 300.0
 

@@ -18,7 +18,7 @@ from epson_driver.api.driver_status import Changes, robot_status
 from epson_driver.api.errors import RobotError, not_begun, refusals
 from epson_driver.api.motion import HeldPath, Motion
 from epson_driver.api.moves import divided
-from epson_driver.api.ownership import Process, close_soon, let_go, take_over
+from epson_driver.api.ownership import Process, close_soon, release, take_over
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
@@ -67,7 +67,7 @@ class Connection:
         self._load: Load | None = None
         self._commands: ArmCommands | None = None
         self._gripper: DrivenGripper | None = None
-        self._heard = Notification()
+        self._received = Notification()
         self._link_reason = 'not connected yet'
         self._moment: float | None = None
         """Loop time, s, by which the values being read had arrived, or None outside `measured`."""
@@ -136,7 +136,7 @@ class Connection:
             wiring = setup.gripper
             self._gripper = None if wiring is None else DrivenGripper(driver.io, wiring)
             self.task = asyncio.create_task(driver.run())
-            self.task.add_done_callback(lambda _: self._heard.notify_all())
+            self.task.add_done_callback(lambda _: self._received.notify_all())
             if self.simulation is None:
                 for sentence in setup.model.cautions:
                     _log.warning('%s', sentence)
@@ -168,7 +168,7 @@ class Connection:
             self.task = self.driver = self._commands = None
             self._link_reason = 'the connection was closed'
             self.changes.recorded.clear()
-            let_go(self)
+            release(self)
             if self.simulation is not None:
                 await self.simulation.close()
 
@@ -225,7 +225,7 @@ class Connection:
                     before, connections = connections, [_count(link) for link in links]
                     if self._missing(driver):
                         looks = 0
-                        await self._heard.wait()
+                        await self._received.wait()
                     else:
                         looks = looks + 1 if connections == before else 0
                         await asyncio.sleep(LOOK_PERIOD_S)
@@ -289,7 +289,7 @@ class Connection:
     async def wait_for_fresh_state(self) -> float:
         """Return a time at which the joints are fresh, waiting at most FRESH_POSE_TIMEOUT_S."""
         driver = self.running
-        return await wait_for_fresh_state(driver.robot.stale, self._heard, FRESH_POSE_TIMEOUT_S)
+        return await wait_for_fresh_state(driver.robot.stale, self._received, FRESH_POSE_TIMEOUT_S)
 
     async def measured(self, read: Callable[[], T]) -> T:
         """Return the result of `read`, in which `sample` uses a time with fresh joints."""
@@ -301,7 +301,7 @@ class Connection:
 
     async def next_joints(self) -> None:
         """Wait for joints, a status or a change of the links."""
-        await self._heard.wait()
+        await self._received.wait()
 
     def sample(self) -> JointSample:
         """Return the newest joints. Raises RobotError if they are too old."""
@@ -398,21 +398,21 @@ class Connection:
 
     def on_joints(self, sample: JointSample) -> None:
         """Notify waiters and callbacks of new joints."""
-        self._heard.notify_all()
+        self._received.notify_all()
         self.changes.recorded.call(sample)
         if self.changes.joints.wanted:
             self.changes.joints.call(self.stamped(sample))
 
     def on_status(self, status: Status) -> None:
         """Notify waiters and callbacks of a STATUS."""
-        self._heard.notify_all()
+        self._received.notify_all()
         self.changes.see(status)
 
     def on_link_state(self, name: str, why: str) -> None:
         """Notify waiters and callbacks of a changed link state."""
         if name in ('backing_off', 'disconnected'):
             self._link_reason = why
-        self._heard.notify_all()
+        self._received.notify_all()
         self.changes.link.call(name, why)
 
     def callback_failed_elsewhere(self, error: Exception) -> None:

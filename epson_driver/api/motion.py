@@ -47,13 +47,13 @@ class Motion(Unique):
         self._away = 0.0
         self._outcome: Outcome | None = None
         self._ended = asyncio.Event()
-        self._told = False
+        self._reported = False
 
     def begin(self) -> None:
         """Submit the motion to the driver. Raises MotionError if it is rejected immediately."""
         self._queue.submit(self._handle)
         if self._outcome is not None and self._outcome.end is End.ABORTED:
-            self._told = True
+            self._reported = True
             raise MotionError(self._outcome)
 
     def __repr__(self) -> str:
@@ -62,7 +62,7 @@ class Motion(Unique):
 
     def __del__(self) -> None:
         outcome = getattr(self, '_outcome', None)
-        if outcome is not None and outcome.end is End.ABORTED and not self._told:
+        if outcome is not None and outcome.end is End.ABORTED and not self._reported:
             _log.warning('a motion was aborted: %s', self.text)
 
     @property
@@ -137,7 +137,7 @@ class Motion(Unique):
         return outcome.text
 
     async def _end(self) -> Outcome:
-        self._told = True
+        self._reported = True
         await self._ended.wait()
         assert self._outcome is not None  # noqa: S101 - for the type checker
         return self._outcome

@@ -87,7 +87,7 @@ async def take_over(address: Address, owner: Owned) -> None:
         await asyncio.wrap_future(closing)
 
 
-def let_go(owner: Owned) -> None:
+def release(owner: Owned) -> None:
     """Release all connections of an owner."""
     with _lock:
         for address in [item for item, result in _owners.items() if result is owner]:

@@ -39,7 +39,7 @@ class SimulatedController:
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
         self._process: asyncio.subprocess.Process | None = None
-        self._said = ''
+        self._reported = ''
         self._listening: asyncio.Task[None] | None = None
 
     @property
@@ -62,7 +62,7 @@ class SimulatedController:
         )
         assert process.stdout is not None  # noqa: S101 - for the type checker
         assert process.stderr is not None  # noqa: S101 - for the type checker
-        self._said = ''
+        self._reported = ''
         self._listening = asyncio.create_task(self._listen(process.stderr))
         try:
             async with asyncio.timeout(START_TIMEOUT_S):
@@ -75,7 +75,7 @@ class SimulatedController:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_TIMEOUT_S):
                     await asyncio.shield(self._listening)
-            message = self._said.strip().rpartition('\n')[2] or 'no output'
+            message = self._reported.strip().rpartition('\n')[2] or 'no output'
             why = message.removeprefix('epson_driver sim_controller: ').removeprefix('error: ')
             raise RobotError(f'the simulated controller did not start: {why}')
         numbers = dict(word.split('=') for word in line.split()[1:])
@@ -84,7 +84,7 @@ class SimulatedController:
     async def _listen(self, stream: asyncio.StreamReader) -> None:
         """Read the process's output, so that it never blocks on a full pipe."""
         while block := await stream.read(2**16):
-            self._said = (self._said + block.decode(errors='replace'))[-MAX_CHARACTERS:]
+            self._reported = (self._reported + block.decode(errors='replace'))[-MAX_CHARACTERS:]
 
     async def close(self) -> None:
         """End the process."""

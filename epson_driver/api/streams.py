@@ -53,7 +53,7 @@ class Streams(Arm):
         reason while the stream is not followed. The setpoint is then dropped.
         """
         limits = self.model.limits
-        with self._heard() as servo:
+        with self._received() as servo:
             joints = joint_rows('target', target, limits, rows=False)
             given = None
             if velocities is not None:
@@ -63,7 +63,7 @@ class Streams(Arm):
     @checked_arguments
     def servo_velocity(self, velocities: npt.ArrayLike) -> None:
         """Follow joint velocities, shape (n,), rad/s (m/s). Otherwise like `servo`."""
-        with self._heard() as servo:
+        with self._received() as servo:
             given = joint_rows('velocities', velocities, self.model.limits, rows=False)
             _check_possible(given, self.model.limits)
             self._take(servo, velocities=given)
@@ -76,7 +76,7 @@ class Streams(Arm):
         out of reach or needs another configuration. Otherwise like `servo`.
         """
         arm, limits = self._hand[1], self.model.limits
-        with self._heard() as servo:
+        with self._received() as servo:
             near = self._commanded(servo)
             wanted = self._frames.target('pose', pose, frame).seen_from(arm.forward(near))
             result = arm.inverse(wanted, near)
@@ -101,7 +101,7 @@ class Streams(Arm):
         direction. Otherwise like `servo`.
         """
         arm = self._hand[1]
-        with self._heard() as servo:
+        with self._received() as servo:
             wanted = finite_numbers('velocity', velocity)
             if wanted.shape != (6,):
                 raise ValueError(
@@ -134,7 +134,7 @@ class Streams(Arm):
         return 'no stream is followed, and the arm is at rest'
 
     @contextmanager
-    def _heard(self) -> Iterator['Servo']:
+    def _received(self) -> Iterator['Servo']:
         """Report an invalid setpoint to the servo, so the stream does not count as released."""
         servo = self._connection.running.servo
         try:

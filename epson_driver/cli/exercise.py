@@ -119,9 +119,11 @@ def _usual(exercise: Exercise, folder: Path, console: Console) -> Observed:
 
 def _why_not_usual(usual: Observed, timeout: float) -> str:
     if usual.code is None:
-        return f'still running after {timeout:g} s (--timeout), last line: {usual.said or "-"}'
+        return (
+            f'still running after {timeout:g} s (--timeout), last line: {usual.last_line or "-"}'
+        )
     if usual.code:
-        return f'exit code {usual.code}, last line: {usual.said or "-"}'
+        return f'exit code {usual.code}, last line: {usual.last_line or "-"}'
     return 'it ended without moving the arm'
 
 

@@ -68,7 +68,9 @@ class Fleet:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states: dict[str, Any] = {}
         for name in robots:
-            received = partial(lambda name, said: self._links.update({name: said.data}), name)
+            received = partial(
+                lambda name, message: self._links.update({name: message.data}), name
+            )
             topic = f'/{name}/epson_driver/link_state'
             self._node.create_subscription(String, topic, received, latched)
             topic = f'/{name}/joint_states'

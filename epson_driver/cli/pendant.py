@@ -87,7 +87,7 @@ def main() -> int:
     return 1
 
 
-async def _ask(asked: Action, said: str, given: argparse.Namespace) -> str:
+async def _ask(asked: Action, command: str, given: argparse.Namespace) -> str:
     """Return the answer and its controller. Queries and stops are retried after a disconnect."""
     place, tries = (given.host, given.port, given.timeout), round(given.timeout / 0.2)
     async with asyncio.timeout(given.timeout):
@@ -96,16 +96,16 @@ async def _ask(asked: Action, said: str, given: argparse.Namespace) -> str:
                 if asked.commands and asked.commands[0].startswith('Sim,'):
                     async with connected(*place) as ask:  # which needs no login
                         if await told(ask, 'Sim,identity'):
-                            return await _done(ask, asked, said, f'{given.host}:{given.port}')
+                            return await _done(ask, asked, command, f'{given.host}:{given.port}')
                 async with logged_in(*place, given.password, max(MAX_LOGINS, tries)) as ask:
-                    return await _done(ask, asked, said, f'{given.host}:{given.port}')
+                    return await _done(ask, asked, command, f'{given.host}:{given.port}')
             except HungUpError:
                 if asked.done and not asked.stops:
                     raise
                 await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
 
 
-async def _done(ask: Ask, asked: Action, said: str, address: str) -> str:
+async def _done(ask: Ask, asked: Action, command: str, address: str) -> str:
     """Do it, and return the answer and the controller's identity."""
     try:
         if asked.commands:
@@ -114,7 +114,7 @@ async def _done(ask: Ask, asked: Action, said: str, address: str) -> str:
             value = await _status(ask)
     except RefusedError as error:
         raise RefusedError(f'{await _reason(ask, error)} [{await _who(ask, address)}]') from error
-    return f'{asked.done or f"{said}: {value}"} [{await _who(ask, address)}]'
+    return f'{asked.done or f"{command}: {value}"} [{await _who(ask, address)}]'
 
 
 async def _who(ask: Ask, address: str) -> str:

@@ -89,9 +89,9 @@ class ArmCommands:
         if stopper.unsent or not await stopper.wait(ends - _now()):
             stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
             within = '' if stopper.unsent else f'no standstill within {ANSWER_TIMEOUT_S:g} s: '
-            raise CommandError(f'{within}{stopper.doubt}, {stopper.stands}')
+            raise CommandError(f'{within}{stopper.doubt}, {stopper.arm_state}')
         if stopper.failed or stopper.doubt is not None:
-            raise CommandError(f'{stopper.doubt or stopper.alarm}, but now {stopper.stands}')
+            raise CommandError(f'{stopper.doubt or stopper.alarm}, but now {stopper.arm_state}')
         return message
 
     async def enable(self) -> str:
@@ -195,7 +195,7 @@ class ArmCommands:
             return
         stopper.stop()
         if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered or stopper.kept:
-            raise CommandError(f'after the last motion {stopper.doubt}, {stopper.stands}')
+            raise CommandError(f'after the last motion {stopper.doubt}, {stopper.arm_state}')
 
     async def disable(self) -> str:
         """Close the arm gate, stop, and switch the motors off if the driver can do that.
@@ -235,9 +235,9 @@ class ArmCommands:
             stopper.stop()
         goals.fault(DISABLED)
         if await stopper.wait(ANSWER_TIMEOUT_S):
-            return '' if stopper.doubt is None else f'{stopper.doubt}, but {stopper.stands}'
+            return '' if stopper.doubt is None else f'{stopper.doubt}, but {stopper.arm_state}'
         stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
-        return f'{stopper.doubt}: {stopper.stands}'
+        return f'{stopper.doubt}: {stopper.arm_state}'
 
     async def _motors_off(self) -> tuple[bool, str]:
         """Switch the motors off. Return whether they are presumably off, and a clause."""
@@ -358,7 +358,7 @@ class ArmCommands:
 
 
 def _inhibited(found: Inhibit) -> CommandError:
-    return CommandError(found.said, found.remedy)
+    return CommandError(found.text_with_remedy, found.remedy)
 
 
 def _now() -> float:

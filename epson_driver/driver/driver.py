@@ -183,7 +183,7 @@ class Driver:
         finally:
             self.fault('the driver was shut down')
         if not await self.stopper.wait(max(ends - self._now(), 0.0)):
-            _log.error('the driver ends: %s, %s', self.stopper.doubt, self.stopper.stands)
+            _log.error('the driver ends: %s, %s', self.stopper.doubt, self.stopper.arm_state)
             await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
@@ -225,7 +225,7 @@ class Driver:
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
         """Disable the arm because STOP failed."""
-        _log.error('the arm did not stop as requested: %s, %s', why, self.stopper.stands)
+        _log.error('the arm did not stop as requested: %s, %s', why, self.stopper.arm_state)
         self.disable(why)
         self.goal_queue.end_waiting(why)
         if unanswered and not self.goal_queue.busy:  # a running goal reconnects when it breaks off

@@ -82,7 +82,7 @@ class Inhibit:
     advice: str = ''
 
     @property
-    def said(self) -> str:
+    def text_with_remedy(self) -> str:
         """The clause with the advice."""
         return f'{self.text}: {self.advice}' if self.advice else self.text
 

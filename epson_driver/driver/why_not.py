@@ -67,11 +67,11 @@ class InhibitTable:
 
     def _no_streams(self, _now: float) -> Inhibit | None:
         why = self.stopper.delivery.no_streams or self.goals.why_no_stream
-        return _said(Cause.NO_STREAMS, why or None)
+        return _reported(Cause.NO_STREAMS, why or None)
 
     def _goal_runs(self, _now: float) -> Inhibit | None:
         text = 'another motion runs or waits: wait for its end, or cancel it first'
-        return _said(Cause.GOAL_RUNS, None if self.goals.idle else text)
+        return _reported(Cause.GOAL_RUNS, None if self.goals.idle else text)
 
     def _state_link_down(self, _now: float) -> Inhibit | None:
         return self._link_down(self.channel.state_link, Cause.NO_STATE_LINK)
@@ -105,7 +105,7 @@ class InhibitTable:
     def _stop_failed(self, _now: float) -> Inhibit | None:
         if self.stopper.alarm is None:
             return None
-        text = f'STOP failed: {self.stopper.alarm}, {self.stopper.stands}'
+        text = f'STOP failed: {self.stopper.alarm}, {self.stopper.arm_state}'
         return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
 
     def _condition(self, _now: float) -> Inhibit | None:
@@ -138,16 +138,16 @@ class InhibitTable:
         return status_inhibit(self._status, self.robot.errors)
 
     def _stopping(self, _now: float) -> Inhibit | None:
-        return _said(Cause.STOPPING, None if self.stopper.over else 'the arm is being stopped')
+        return _reported(Cause.STOPPING, None if self.stopper.over else 'the arm is being stopped')
 
     def _stop_requested(self, _now: float) -> Inhibit | None:
-        return _said(Cause.STOPPING, next(iter(self.goals.stops), None))
+        return _reported(Cause.STOPPING, next(iter(self.goals.stops), None))
 
     def _stream(self, _now: float) -> Inhibit | None:
-        return _said(Cause.STREAM, self.servo.active_user(), Remedy.END_STREAM)
+        return _reported(Cause.STREAM, self.servo.active_user(), Remedy.END_STREAM)
 
     def _no_pose(self, now: float) -> Inhibit | None:
-        return _said(Cause.NO_POSE, self.robot.why_not_ready(now))
+        return _reported(Cause.NO_POSE, self.robot.why_not_ready(now))
 
     def _denied(self, _now: float) -> Inhibit | None:
         """Return why the controller denies motion although the arm is enabled."""
@@ -166,7 +166,9 @@ class InhibitTable:
     def _moves(self, _now: float) -> Inhibit | None:
         """Return the inhibit if the arm moves: it brakes after a fault, or is moved externally."""
         why = self.robot.why_not_standing(self.stopper.stopped_velocity)
-        return _said(Cause.MOVES, why and f'the arm is moving ({why}): wait until it is at rest')
+        return _reported(
+            Cause.MOVES, why and f'the arm is moving ({why}): wait until it is at rest'
+        )
 
     _START = Purpose.START | Purpose.STREAM
 
@@ -207,5 +209,5 @@ def _silence(
     return Inhibit(cause, Remedy.CHECK_STATE_SERVER, text)
 
 
-def _said(cause: Cause, text: str | None, remedy: Remedy = Remedy.NONE) -> Inhibit | None:
+def _reported(cause: Cause, text: str | None, remedy: Remedy = Remedy.NONE) -> Inhibit | None:
     return None if text is None else Inhibit(cause, remedy, text)

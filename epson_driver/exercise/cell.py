@@ -109,10 +109,10 @@ class Observer:
         times, positions = self.seen
         after = times > stopped
         times, positions = times[after], positions[after]
-        stands = standstill(times, positions)
-        if stands is None:
+        first = standstill(times, positions)
+        if first is None:
             return False
-        return bool(np.any(np.abs(positions[stands:] - positions[stands]).max(axis=1) > MOVED))
+        return bool(np.any(np.abs(positions[first:] - positions[first]).max(axis=1) > MOVED))
 
     async def _look_on(self) -> None:
         while not self._closing:

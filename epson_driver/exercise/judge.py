@@ -36,7 +36,8 @@ GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
 class Observed:
     """Observations of one run of the program.
 
-    `code`: its exit code, or None if it had to be killed after `seconds`. `said`: its last line.
+    `code`: its exit code, or None if it had to be killed after `seconds`. `last_line`: of its
+    output.
     `trajectories`: the number sent to the controller. `end`: the arm's final position. `refused`:
     why the controller did not accept the fault, or ''. `aborted`: why the driver aborted a goal,
     the last one, or ''.
@@ -45,7 +46,7 @@ class Observed:
     case: str
     code: int | None
     seconds: float
-    said: str
+    last_line: str
     trajectories: int
     end: Array | None
     moved: bool = True
@@ -82,9 +83,12 @@ def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
     if seen.refused:
         return Verdict.REFUSED, f'the controller refused the fault: {seen.refused}'
     if seen.code is None:
-        return Verdict.HUNG, f'killed after {seen.seconds:.0f} s, last line: {seen.said or "-"}'
+        return (
+            Verdict.HUNG,
+            f'killed after {seen.seconds:.0f} s, last line: {seen.last_line or "-"}',
+        )
     if not seen.moved:
-        return Verdict.NO_MOTION, f'the arm did not move, last line: {seen.said or "-"}'
+        return Verdict.NO_MOTION, f'the arm did not move, last line: {seen.last_line or "-"}'
     if seen.trajectories > usual.trajectories:
         text = f'{seen.trajectories} trajectories, but {usual.trajectories} without the fault'
         return Verdict.REPEATED, text
@@ -94,10 +98,10 @@ def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
             if off > THERE:
                 text = f'exit code 0, but the arm is {off:.3f} rad or m away from the end'
                 return Verdict.CLAIMED, text
-        return Verdict.FINISHED, seen.said
-    if not seen.said:
+        return Verdict.FINISHED, seen.last_line
+    if not seen.last_line:
         return Verdict.GAVE_UP_SILENTLY, f'exit code {seen.code}, without any output'
-    return Verdict.GAVE_UP, seen.said
+    return Verdict.GAVE_UP, seen.last_line
 
 
 def junit(results: list[Result], command: str) -> str:

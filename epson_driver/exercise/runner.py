@@ -116,7 +116,7 @@ CASES: dict[str, Case] = {
 """All cases: a person's interventions, then every fault of the simulated controller."""
 
 
-def said(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
+def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
     """Return the pendant's words for these actions. `spel`: for a SPEL+ program."""
     if not spel:
         return actions
@@ -164,7 +164,9 @@ def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | Non
     """
     folder.mkdir(parents=True)
     spel = bool(load_controller_profile(exercise.controller).spel.project)
-    case = replace(case, begin=said(case.begin, spel=spel), person=said(case.person, spel=spel))
+    case = replace(
+        case, begin=for_kind(case.begin, spel=spel), person=for_kind(case.person, spel=spel)
+    )
     chance = random.Random(f'{exercise.seed}/{case.name}')  # noqa: S311 - no secret
     with simulated_cell(
         folder,
@@ -232,7 +234,7 @@ def _watch(
         case=case.name,
         code=code,
         seconds=seconds,
-        said=last,
+        last_line=last,
         trajectories=0,
         end=np.asarray(positions[-1]) if len(positions) else None,
         moved=moved_at is not None or case.early,

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from epson_driver.doctor.learning import differences, profile_text
-from epson_driver.first_run.ride import FIRST_DURATION_S
-from epson_driver.first_run.steps import Found
+from epson_driver.first_run.steps import StepResult
+from epson_driver.first_run.trial_move import FIRST_DURATION_S
 from epson_driver.inputs import InputError, choice, number, printable, read_file, write_file
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
@@ -56,7 +56,7 @@ class Entry:
 
     state: str
     at: str
-    found: Found = field(default_factory=Found)
+    found: StepResult = field(default_factory=StepResult)
     why: str = ''
     trace: str = ''
     """The wire trace, a pcap file in base64."""
@@ -127,7 +127,7 @@ def load(path: Path) -> FirstRunRecord:
 
 
 def _entry(step: str, data: Mapping[str, Any]) -> Entry:
-    result = Found(**data['found'])
+    result = StepResult(**data['found'])
     own = {'reply delay', 'lateness'} & result.facts.keys()
     times = result.times | {key: result.facts[key] for key in own}
     for key, value in times.items():

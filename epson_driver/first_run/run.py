@@ -10,8 +10,8 @@ from pathlib import Path
 
 from epson_driver.doctor.listening import TRACE, NoConnectionError
 from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Entry, FirstRunRecord, packed
-from epson_driver.first_run.ride import NotMovedError
 from epson_driver.first_run.steps import EndedError, FirstRun, Step, agreed, make_ready, steps
+from epson_driver.first_run.trial_move import NotMovedError
 from epson_driver.trace.pcap import PcapWriter
 
 CHOICES = 'Enter or y: do it, s: skip it, q: end (continue another time): '

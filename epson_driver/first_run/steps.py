@@ -25,7 +25,15 @@ from epson_driver.doctor.pose_checks import Ask
 from epson_driver.doctor.state_facts import latest_joints, latest_status
 from epson_driver.driver.inhibit import seen_inhibit
 from epson_driver.error_texts import ErrorTexts, load_error_texts
-from epson_driver.first_run.ride import MOVED, STOP, NotMovedError, TestMove, ahead, rests, ride
+from epson_driver.first_run.trial_move import (
+    MOVED,
+    STOP,
+    NotMovedError,
+    TrialMove,
+    ahead,
+    move_and_record,
+    rests,
+)
 from epson_driver.motion import Array
 from epson_driver.robots.chain import PRISMATIC
 from epson_driver.simple_message import ReplyCode, Status, TriState
@@ -50,7 +58,7 @@ LATE_S = 0.02
 
 
 @dataclass
-class Found:
+class StepResult:
     """The results of a step."""
 
     facts: dict[str, Any] = field(default_factory=dict)
@@ -92,7 +100,7 @@ class FirstRun:
             yield state, motion
 
 
-Do = Callable[[FirstRun], Awaitable[Found]]
+Do = Callable[[FirstRun], Awaitable[StepResult]]
 
 
 @dataclass(frozen=True)
@@ -108,10 +116,10 @@ class Step:
     moves: bool = False
 
 
-async def _listen(run: FirstRun) -> Found:
+async def _listen(run: FirstRun) -> StepResult:
     question = dataclasses.replace(run.question, may_ask=False, may_use_io=False)
     facts = await check_controller(question, run.findings)
-    result = Found(facts)
+    result = StepResult(facts)
     if 'state.period' in facts:
         result.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
     async with conversation(question.host, question.state_port) as state:
@@ -134,9 +142,9 @@ def _rounding(joints: Sequence[float]) -> float:
     return 0.0
 
 
-async def _pendant(run: FirstRun) -> Found:
+async def _pendant(run: FirstRun) -> StepResult:
     message = await run.ask('J1 J2 … on the pendant, in degrees (prismatic joints: mm): ')
-    result = Found(answers={'pendant': message.strip()[:200]})
+    result = StepResult(answers={'pendant': message.strip()[:200]})
     try:
         shown = np.array([float(word) for word in message.replace(',', ' ').split()])
     except ValueError:
@@ -167,10 +175,10 @@ def _shown(joints: Array, run: FirstRun) -> Array:
     return np.where(slides, joints * 1000.0, np.degrees(joints))
 
 
-async def _ask_still(run: FirstRun) -> Found:
+async def _ask_still(run: FirstRun) -> StepResult:
     question = dataclasses.replace(run.question, may_ask=True, may_use_io=False)
     facts = await check_controller(question, run.findings)
-    result = Found(facts)
+    result = StepResult(facts)
     if 'program.kind' not in facts:
         raise NotMovedError('the motion port was not queried: see above')
     host, port = question.host, question.motion_port
@@ -198,10 +206,10 @@ async def _ask_still(run: FirstRun) -> Found:
     return result
 
 
-async def _io(run: FirstRun) -> Found:
+async def _io(run: FirstRun) -> StepResult:
     question = dataclasses.replace(run.question, may_ask=False, may_use_io=True)
     facts = await check_controller(question, run.findings)
-    return Found({key: facts[key] for key in ('io', 'ports.io') if key in facts})
+    return StepResult({key: facts[key] for key in ('io', 'ports.io') if key in facts})
 
 
 async def make_ready(run: FirstRun) -> None:
@@ -230,13 +238,13 @@ async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
     return True
 
 
-async def _power(run: FirstRun) -> Found:
+async def _power(run: FirstRun) -> StepResult:
     await make_ready(run)
     if not await agreed(run.ask, 'Is the power low? (Enter or y: yes, n: no): ', 'n'):
         raise EndedError(
             'steps that move the arm need low power: set the power LOW, then start again'
         )
-    return Found(answers={'power': 'low'})
+    return StepResult(answers={'power': 'low'})
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
@@ -264,19 +272,21 @@ def _target(here: Array, index: int, run: FirstRun) -> Array:
     return target
 
 
-async def _joint(index: int, run: FirstRun) -> Found:
+async def _joint(index: int, run: FirstRun) -> StepResult:
     name = run.question.model.joint_names[index]
     async with run.links() as (state, motion):
         here = await _where(run, state)
         target = _target(here, index, run)
-        made = await _ride(run, state, motion, [target], [WAY_S])
+        made = await _move_and_record(run, state, motion, [target], [WAY_S])
         result = _ride_times(f'joint {index + 1}', made)
         if index == 0:
             result.facts['lateness'] = made.lateness
         off = np.abs(made.positions[-1] - target).max()
         if off > 2.0 * MOVED:
             result.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
-        back = _ride_times(f'joint {index + 1}', await _ride(run, state, motion, [here], [WAY_S]))
+        back = _ride_times(
+            f'joint {index + 1}', await _move_and_record(run, state, motion, [here], [WAY_S])
+        )
     # motion starts in a cycle of the controller, so the mean of two is more accurate
     result.times = {
         key: statistics.mean((value, back.times.get(key, value)))
@@ -298,20 +308,20 @@ async def _where(run: FirstRun, state: Conversation) -> Array:
     return np.array(joints[: run.joints])
 
 
-async def _ride(
+async def _move_and_record(
     run: FirstRun,
     state: Conversation,
     motion: Conversation,
     targets: Sequence[Array],
     durations: Sequence[float],
     stop_after: float | None = None,
-) -> TestMove:
+) -> TrialMove:
     model = run.question.model
-    return await ride(state, motion, model, run.errors, targets, durations, stop_after)
+    return await move_and_record(state, motion, model, run.errors, targets, durations, stop_after)
 
 
-def _ride_times(name: str, made: TestMove) -> Found:
-    result = Found()
+def _ride_times(name: str, made: TrialMove) -> StepResult:
+    result = StepResult()
     missing = sum(answer is None for answer in made.answers)
     if missing:
         result.habits.append(f'{missing} of {len(made.sent)} points had no reply')
@@ -325,8 +335,8 @@ def _ride_times(name: str, made: TestMove) -> Found:
     return result
 
 
-async def _points(run: FirstRun) -> Found:
-    result = Found()
+async def _points(run: FirstRun) -> StepResult:
+    result = StepResult()
     counts: list[float] = []
     periods: list[float] = []
     async with run.links() as (state, motion):
@@ -336,14 +346,14 @@ async def _points(run: FirstRun) -> Found:
             period = usual + 2.0 * run.delay  # a point waits for the reply before it
             ways = [here + (target - here) * k / STREAM_POINTS for k in _numbers(STREAM_POINTS)]
             name = f'{STREAM_POINTS} points of {usual:g} s{" and two replies" * bool(run.delay)}'
-            made = await _ride(run, state, motion, ways, [period] * STREAM_POINTS)
+            made = await _move_and_record(run, state, motion, ways, [period] * STREAM_POINTS)
             one = _ride_times(name, made)
             result.times |= one.times
             result.habits += one.habits
             counts.append(ahead(made, 0, run.delay))
             periods.append(period)
             stops = rests(made)
-            await _ride(run, state, motion, [here], [WAY_S])
+            await _move_and_record(run, state, motion, [here], [WAY_S])
     result.facts |= _buffer(counts, periods)
     # a point acknowledged at the arm's arrival leaves the arm without a next point
     waits = result.facts.get('program.acknowledge') == 'default'
@@ -376,12 +386,14 @@ def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]
     return {'program.acknowledge': 'taken', 'motion.look_ahead': max(seconds, 0.01)}
 
 
-async def _stop(run: FirstRun) -> Found:
+async def _stop(run: FirstRun) -> StepResult:
     async with run.links() as (state, motion):
         here = await _where(run, state)
         target = _target(here, 0, run)
-        made = await _ride(run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2)
-        result = Found()
+        made = await _move_and_record(
+            run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2
+        )
+        result = StepResult()
         if made.begin is None or made.stopped is None:
             raise NotMovedError('the arm did not move')
         stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
@@ -389,15 +401,15 @@ async def _stop(run: FirstRun) -> Found:
             result.habits.append('a STOP does not stop the arm')
         else:
             result.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
-        await _ride(run, state, motion, [here], [WAY_S])
+        await _move_and_record(run, state, motion, [here], [WAY_S])
     return result
 
 
 async def _interrupted(
     what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
-) -> Found:
+) -> StepResult:
     """Move joint 1 to and fro until a person interrupts it, and check that the arm then rests."""
-    result = Found()
+    result = StepResult()
     name = what.partition(',')[0]
     async with run.links() as (state, motion):
         here = await _where(run, state)
@@ -407,7 +419,7 @@ async def _interrupted(
             run.ask(f'The arm moves back and forth: {what} NOW. Then Enter: ')
         )
         try:
-            made = await _ride(run, state, motion, ways, [WAY_S] * len(ways))
+            made = await _move_and_record(run, state, motion, ways, [WAY_S] * len(ways))
         except BaseException:
             doing.cancel()
             raise
@@ -426,7 +438,7 @@ async def _interrupted(
     return result
 
 
-def _error_number(name: str, made: TestMove, run: FirstRun, found: Found) -> None:
+def _error_number(name: str, made: TrialMove, run: FirstRun, found: StepResult) -> None:
     number = next((item.error_code for _, item in reversed(made.statuses) if item.error_code), 0)
     found.answers[f'{name}: error'] = run.errors.phrase(number)
     if number and number not in run.errors:
@@ -434,9 +446,9 @@ def _error_number(name: str, made: TestMove, run: FirstRun, found: Found) -> Non
         found.habits.append(f'{name}: error number {number} is not in the table {table}')
 
 
-async def _cable(run: FirstRun) -> Found:
+async def _cable(run: FirstRun) -> StepResult:
     """Ask for the cable to be unplugged during a motion, then read the arm's position."""
-    result = Found()
+    result = StepResult()
     async with run.links() as (state, motion):
         here = await _where(run, state)
         target = _target(here, 0, run)
@@ -444,7 +456,7 @@ async def _cable(run: FirstRun) -> Found:
             run.ask('The arm moves: pull the network cable NOW, plug it in again, then Enter: ')
         )
         try:
-            made = await _ride(run, state, motion, [target], [2.0 * WAY_S])
+            made = await _move_and_record(run, state, motion, [target], [2.0 * WAY_S])
             lost = bool(state.heard.ended or motion.heard.ended)
         except (NotMovedError, ConnectionError) as error:
             lost, made = True, None
@@ -483,8 +495,8 @@ QUESTIONS: Mapping[str, str] = {
 """The open questions of docs/controller_program.md, by the program that answers each."""
 
 
-async def _questions(run: FirstRun) -> Found:
-    result = Found()
+async def _questions(run: FirstRun) -> StepResult:
+    result = StepResult()
     for program, question in QUESTIONS.items():
         message = await run.ask(f'docs/examples/spel/{program}: {question} (Enter: not tried): ')
         if message.strip():

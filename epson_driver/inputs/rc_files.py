@@ -26,10 +26,10 @@ _DEEPEST = 8
 class RcFileError(InputError):
     """An error in a file, with the line and the rule."""
 
-    def __init__(self, file: str, line: int, said: str) -> None:
-        super().__init__(f'{printable(file)}:{line}: {said}')
+    def __init__(self, file: str, line: int, problem: str) -> None:
+        super().__init__(f'{printable(file)}:{line}: {problem}')
         self.line = line
-        self.said = said
+        self.problem = problem
 
 
 @dataclass
@@ -61,9 +61,9 @@ class Block:
         except ValueError:
             raise self.fault(key, f'{key}={shown(value)}: must be a number') from None
 
-    def fault(self, key: str, said: str) -> RcFileError:
+    def fault(self, key: str, problem: str) -> RcFileError:
         """Return an error about the value of a key."""
-        return RcFileError(self.file, self.lines.get(key, self.lines.get('', 1)), said)
+        return RcFileError(self.file, self.lines.get(key, self.lines.get('', 1)), problem)
 
     def _value(self, key: str) -> str | None:
         result = (item[1] for item in self.items if isinstance(item, tuple) and item[0] == key)

@@ -155,7 +155,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def begin(self) -> None:
         """Start to receive."""
-        self._heard()
+        self._received()
         self._look(READING_TURNS)
         self.transport.resume_reading()
 
@@ -245,12 +245,12 @@ class Connection(asyncio.BufferedProtocol):
                 self.end(str(error))
                 return True
             except SimpleMessageError as error:
-                self._heard()
+                self._received()
                 self._receivers.bad_frame(error)
                 continue
             if packet is None:
                 return True
-            self._heard()
+            self._received()
             take(packet)
             if closing():  # the packet's handler has closed it
                 return True
@@ -261,7 +261,7 @@ class Connection(asyncio.BufferedProtocol):
             self._receivers.event(WireEvent.ENDED)
             self._finish('closed by the controller')
 
-    def _heard(self) -> None:
+    def _received(self) -> None:
         if self._silence is not None:
             self._silence.heard(self._loop.time())
 

@@ -106,7 +106,7 @@ class ServoTarget:
         return replace(self, position=position, velocity=self.velocity - time * a)
 
     @property
-    def stands(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether the target is at rest."""
         return not (np.any(self.velocity) or np.any(self.acceleration))
 
@@ -168,7 +168,7 @@ class SetpointTracker:
         `speed`: share (0, 1] of the velocity limits, for all joints or per joint, shape (n,).
         """
         target = np.clip(aim.position, self._low, self._high)
-        if aim.stands and self._lands(target, aim):
+        if aim.is_at_rest and self._lands(target, aim):
             return
         fastest = self.limits.velocity * speed
         state = position, velocity, acceleration = self.state

@@ -76,14 +76,14 @@ class Failures:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._told: list[BaseException] = []
+        self._reported: list[BaseException] = []
         self.happened = asyncio.Event()
 
     def tell(self, what: str, error: BaseException) -> None:
         """Log a failure, once, and end the process."""
         self.happened.set()
-        if not any(error is report for report in self._told):
-            self._told.append(error)
+        if not any(error is report for report in self._reported):
+            self._reported.append(error)
             _log.critical('%s: stopping all arms and the driver', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

@@ -342,8 +342,8 @@ def sequence_statement(
         positions = trajectory.positions[start : end + 1]
         if primitive.kind is Kind.LINEAR_JOINT:
             limits = arm.model.limits
-            speed = _share(primitive.velocity, limits.velocity)
-            ramp = _share(primitive.acceleration, limits.acceleration)
+            speed = _fraction(primitive.velocity, limits.velocity)
+            ramp = _fraction(primitive.acceleration, limits.acceleration)
             texts.append(statements.joints(positions[-1], speed, ramp))
         else:
             usual = ToolLimits()
@@ -358,7 +358,7 @@ def sequence_statement(
     return text
 
 
-def _share(asked: float | None, limits: Array) -> float:
+def _fraction(asked: float | None, limits: Array) -> float:
     return 1.0 if asked is None else min(float(np.min(asked / limits)), 1.0)
 
 

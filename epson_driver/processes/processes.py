@@ -177,14 +177,14 @@ class Process:
 
         Raises RunError with its log if it ends instead.
         """
-        words = dict(word.split('=') for word in self._told('listening'))
+        words = dict(word.split('=') for word in self._reported('listening'))
         return Ports(**{key: int(value) for key, value in words.items()})
 
     def address(self) -> str:
         """Return the URL of a panel, once it is served. Raises RunError like `ports`."""
-        return self._told('panel')[0]
+        return self._reported('panel')[0]
 
-    def _told(self, first: str) -> list[str]:
+    def _reported(self, first: str) -> list[str]:
         """Wait for the ready line of the process and return its words after the first."""
         assert self._popen.stdout is not None  # noqa: S101 - true for the names in TELLING
         line = self._popen.stdout.readline().decode()

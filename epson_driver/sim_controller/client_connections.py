@@ -106,7 +106,8 @@ of this process are therefore still read.
 class ClientWatchdog:
     """Calls `silent` when a client that has sent a heartbeat sends nothing for `timeout` s.
 
-    It is called once per silence, up to one slice late. `hear` gets every message of the client.
+    It is called once per silence, up to one slice late. `receive` gets every message of the
+    client.
 
     A heartbeat is a PING as a topic, which is not answered (REP-I0006). A client that has sent
     none on its connection may be silent indefinitely, like the clients of ROS 1.
@@ -119,7 +120,7 @@ class ClientWatchdog:
         self._quiet = -1
         self._timer: Timer | None = None
 
-    def hear(self, frame: Frame) -> None:
+    def receive(self, frame: Frame) -> None:
         """Restart the timeout after a message, once a first heartbeat has arrived."""
         self._quiet = -1  # the slice in which it came does not count
         if frame.heartbeat and self._timer is None:
@@ -158,7 +159,7 @@ class MotionSession:
         try:
             while self._open and (frame := self._framer.next_frame()) is not None:
                 if self._watchdog is not None:
-                    self._watchdog.hear(frame)
+                    self._watchdog.receive(frame)
                 self._controller.program.receive(frame)
         except FrameError as error:
             self._controller.show(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))

@@ -147,7 +147,7 @@ class Controller:
         mode = Mode.AUTO if profile.mode is StatusMode.AUTO else Mode.MANUAL
         self.condition: Condition = Condition(mode=mode)
         self.timing = DeadlineCounters()
-        self._told = DeadlineCounters()
+        self._reported = DeadlineCounters()
         self.io = IoPoints(profile.io)
         self.faults = Faults(
             self.clock,
@@ -519,10 +519,10 @@ class Controller:
 
     def _tell_timing(self) -> None:
         """Log the delays of the motion that has ended, if any."""
-        sentence = self.timing.since(self._told)
+        sentence = self.timing.since(self._reported)
         if sentence:
             _log.warning('in this motion: %s', sentence)
-            self._told = copy.copy(self.timing)
+            self._reported = copy.copy(self.timing)
 
     def send_reply(self, packet: Packet) -> None:
         """Send a reply to the motion client, if one is connected."""

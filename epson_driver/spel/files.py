@@ -31,7 +31,7 @@ def _bad(text: str) -> SpelError:
 
 
 @contextmanager
-def _said(name: str) -> Iterator[None]:
+def _reported(name: str) -> Iterator[None]:
     """Convert errors of the system to SpelError."""
     try:
         yield
@@ -82,7 +82,7 @@ class Files:
         there = self._there(key)
         if there is None or not there.is_file():
             return None
-        with _said(name):
+        with _reported(name):
             return read_file(there, MAX_BYTES)
 
     def write(self, name: str, content: bytes) -> None:
@@ -92,7 +92,7 @@ class Files:
         if others + len(content) > MAX_BYTES:
             raise _bad(f'{name}: more than {MAX_BYTES} bytes')
         if self._keep and key not in self._taught:
-            with _said(name):
+            with _reported(name):
                 write_file(self._target(name, key), content)
         self._written[key] = content
 
@@ -102,7 +102,7 @@ class Files:
             raise _bad(f'there is no file {name}')
         key = self.path(name)
         if self._keep and key not in self._taught:
-            with _said(name):
+            with _reported(name):
                 self._target(name, key).unlink(missing_ok=True)
         self._written[key] = None
 
@@ -112,7 +112,7 @@ class Files:
             raise _bad(f'folder {name} already exists')
         key = self.path(name)
         if self._keep:
-            with _said(name):
+            with _reported(name):
                 self._target(name, key).mkdir()
         self._folders.add(key)
 

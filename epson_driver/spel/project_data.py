@@ -204,7 +204,7 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
                     data.labels[item.text('sLabel').lower()] = number
         except RcFileError as error:
             at = Position(name, error.line)
-            problems.append(Problem(at, RULE, f'cannot be read: {error.said}'))
+            problems.append(Problem(at, RULE, f'cannot be read: {error.problem}'))
     data.labels.pop('', None)
     return data
 
@@ -259,8 +259,8 @@ def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: date
                             ('nWrist', _WRISTS),
                         )
                     ),
-                    *((f'n{joint}Flag', _told(point, f'{joint}f')) for joint in _J_FLAGS),
-                    *((f'r{joint}Angle', _told(point, f'{joint}a')) for joint in _J_ANGLES),
+                    *((f'n{joint}Flag', _reported(point, f'{joint}f')) for joint in _J_FLAGS),
+                    *((f'r{joint}Angle', _reported(point, f'{joint}a')) for joint in _J_ANGLES),
                     ('bSimVisible', 'True'),
                 ],
             )
@@ -268,7 +268,7 @@ def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: date
     return sealed(body, when)
 
 
-def _told(point: Point, mark: str) -> str:
+def _reported(point: Point, mark: str) -> str:
     return next((flag[3:] for flag in point.flags if flag.startswith(mark.lower())), '0')
 
 

@@ -57,7 +57,7 @@ def line(start: Array, end: Array) -> PosePath:
     def pose(share: float) -> Array:
         return homogeneous(start[:3, :3] @ rotation(share * turn), start[:3, 3] + share * offset)
 
-    def derivatives_at(_share: float) -> Array:
+    def derivatives_at(_fraction: float) -> Array:
         return derivatives
 
     return PosePath(

@@ -210,7 +210,7 @@ def test_motion_ended_during_planning_never_starts(case, monkeypatch):
 
 
 @pytest.fixture(autouse=True)
-def _patience(request, monkeypatch):
+def _timeout(request, monkeypatch):
     """Extend time-outs for a busy machine."""
     if 'ports' in request.fixturenames:
         be_patient(monkeypatch.setattr)

@@ -23,7 +23,7 @@ PATIENCE = 120.0
 
 
 @pytest.fixture(autouse=True)
-def _patience(monkeypatch):
+def _timeout(monkeypatch):
     be_patient(monkeypatch.setattr)
 
 

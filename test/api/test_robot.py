@@ -28,7 +28,7 @@ PATIENCE = 120.0
 
 
 @pytest.fixture(autouse=True)
-def _patience(monkeypatch):
+def _timeout(monkeypatch):
     """Extend time-outs for a busy machine."""
     be_patient(monkeypatch.setattr)
 

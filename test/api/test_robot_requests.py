@@ -29,7 +29,7 @@ WIRING = GripperWiring(open_output=0, close_output=1, opened_input=0, closed_inp
 
 
 @pytest.fixture(autouse=True)
-def _patience(monkeypatch):
+def _timeout(monkeypatch):
     be_patient(monkeypatch.setattr)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from epson_driver.cli import first_run
 from epson_driver.first_run.book import FAILED, Entry, load
-from epson_driver.first_run.steps import Found
+from epson_driver.first_run.steps import StepResult
 from epson_driver.inputs import InputError
 from epson_driver.processes.interrupt import INTERRUPTED
 
@@ -71,7 +71,10 @@ def test_answers_are_read_by_line_and_page_is_named_by_address(call, capsys):
 def test_failed_or_remaining_steps_exit_with_1(call, capsys):
     call.ended = False
     assert call('127.0.0.1') == 1
-    call.ended, call.entry = True, Entry(FAILED, 'now', Found(habits=['replies late']), why='no')
+    call.ended, call.entry = (
+        True,
+        Entry(FAILED, 'now', StepResult(habits=['replies late']), why='no'),
+    )
     assert call('127.0.0.1') == 1
     assert 'replies late' in capsys.readouterr().out
 

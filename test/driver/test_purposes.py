@@ -68,7 +68,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
         delivery=Fake(no_streams='never' if Cause.NO_STREAMS in wrong else '', resumes=resumes),
         over=Cause.STOPPING not in wrong,
         alarm='no reply' if Cause.STOP_FAILED in wrong else None,
-        stands='the arm is moving',
+        arm_state='the arm is moving',
         stopped_velocity=0.01,
     )
     return InhibitTable(

@@ -50,10 +50,10 @@ def called(monkeypatch, capsys):
     ('changes', 'reason'),
     [
         (
-            {'code': None, 'said': 'waiting'},
+            {'code': None, 'last_line': 'waiting'},
             'still running after 60 s (--timeout), last line',
         ),
-        ({'code': 3, 'said': ''}, 'exit code 3, last line: -'),
+        ({'code': 3, 'last_line': ''}, 'exit code 3, last line: -'),
         ({'moved': False}, 'it ended without moving the arm'),
     ],
 )

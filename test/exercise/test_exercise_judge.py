@@ -10,7 +10,7 @@ import pytest
 
 from epson_driver.exercise.cell import MOVED, standstill
 from epson_driver.exercise.judge import GOOD, Observed, Result, Verdict, judge, junit
-from epson_driver.exercise.runner import CASES, said
+from epson_driver.exercise.runner import CASES, for_kind
 from epson_driver.remote_ethernet.hand import action
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
@@ -21,9 +21,13 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))
     ('changes', 'verdict', 'why'),
     [
         ({}, Verdict.FINISHED, 'there'),
-        ({'code': 1, 'said': 'the E-stop is pressed'}, Verdict.GAVE_UP, 'the E-stop is pressed'),
-        ({'code': 1, 'said': ''}, Verdict.GAVE_UP_SILENTLY, 'exit code 1'),
-        ({'code': -11, 'said': ''}, Verdict.GAVE_UP_SILENTLY, 'exit code -11'),
+        (
+            {'code': 1, 'last_line': 'the E-stop is pressed'},
+            Verdict.GAVE_UP,
+            'the E-stop is pressed',
+        ),
+        ({'code': 1, 'last_line': ''}, Verdict.GAVE_UP_SILENTLY, 'exit code 1'),
+        ({'code': -11, 'last_line': ''}, Verdict.GAVE_UP_SILENTLY, 'exit code -11'),
         ({'code': None, 'seconds': 60.0}, Verdict.HUNG, 'killed after 60 s'),
         ({'end': np.array([0.5, 0.0])}, Verdict.CLAIMED, '0.500 rad or m away'),
         ({'end': np.array([1.005, 0.0])}, Verdict.FINISHED, 'there'),
@@ -64,10 +68,10 @@ def test_every_fault_of_the_simulated_controller_has_a_case():
 
 
 def test_spel_program_is_stopped_before_blocked_actions():
-    assert said(('motors off',), spel=True) == ('stop', 'motors off')
-    assert said(('estop release', 'reset'), spel=True) == ('estop release', 'stop', 'reset')
+    assert for_kind(('motors off',), spel=True) == ('stop', 'motors off')
+    assert for_kind(('estop release', 'reset'), spel=True) == ('estop release', 'stop', 'reset')
     for case in CASES.values():
-        assert said(case.begin, spel=False) == case.begin
+        assert for_kind(case.begin, spel=False) == case.begin
 
 
 @pytest.mark.invariant(4)

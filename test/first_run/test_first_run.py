@@ -30,7 +30,7 @@ from epson_driver.first_run.book import (
     load,
 )
 from epson_driver.first_run.run import CHOICES, go_through
-from epson_driver.first_run.steps import QUESTIONS, FirstRun, Found, steps
+from epson_driver.first_run.steps import QUESTIONS, FirstRun, StepResult, steps
 from epson_driver.inputs import InputError
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
@@ -413,7 +413,7 @@ def test_texts_are_escaped_on_the_page(tmp_path):
     evil = '<script>alert(1)</script><img src=x onerror=alert(2)>'
     about = {'address': evil, 'controller': 'simulated', 'robot': evil, 'when': evil}
     book = FirstRunRecord(
-        about, {evil: Entry(DONE, evil, Found({}, {evil: 1.0}, {evil: evil}, [evil]), evil)}
+        about, {evil: Entry(DONE, evil, StepResult({}, {evil: 1.0}, {evil: evil}, [evil]), evil)}
     )
     book.save(path)
     page = path.read_text()

@@ -266,13 +266,13 @@ class Arrival:
             self._start = self._distance
         self._left = self._left or float(self._distance.max()) >= self._min_excursion
 
-    def reached(self, *, said: bool) -> bool:
+    def reached(self, *, at_rest: bool) -> bool:
         """Return whether the arm is at the goal and has moved toward it.
 
-        `said`: the controller reports that the arm is at rest. Otherwise the arm must also have
+        `at_rest`: the controller reports that the arm is at rest. Otherwise the arm must also have
         moved nearer to the goal.
         """
-        if not (self._left and (said or self._came_nearer())):
+        if not (self._left and (at_rest or self._came_nearer())):
             return False
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 

@@ -222,7 +222,7 @@ class GoalExecution:
         if self._schedule is not None:
             self._arrival.see(sample.positions)
         self._standstill.see(sample, robot, self._stopped(), now)
-        if not self._standstill.stands:
+        if not self._standstill.is_at_rest:
             self._rest_at = None
         elif self._rest_at is None:
             self._rest_at = self._plan_time
@@ -234,7 +234,7 @@ class GoalExecution:
             self._standstill.expect_rest(UNSAID_REST_TIME_S)
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
-                self._judge(now, said=message)
+                self._judge(now, at_rest=message)
             elif self.state in BRAKING_STATES:
                 self._rest(sample)
         self._check_path(sample, now)
@@ -413,16 +413,16 @@ class GoalExecution:
             stopped = np.minimum(stopped, self.goal.goal_velocity)
         return stopped
 
-    def _judge(self, now: float, *, said: bool) -> None:
+    def _judge(self, now: float, *, at_rest: bool) -> None:
         """Check whether an arm at rest, with all points acknowledged, is at the goal.
 
-        `said`: the controller reports that the arm is at rest.
+        `at_rest`: the controller reports that the arm is at rest.
         """
         if self.paused:  # part of the motion may remain
             return
         if self._plan_time < self.goal.trajectory.duration:
             return  # part of the plan may remain, even if the distance is short
-        if self._arrival.reached(said=said):
+        if self._arrival.reached(at_rest=at_rest):
             text = f'at the goal after {now - self.started:.2f} s'
             text += late_start(self.goal.start, self.started)
             if self._rest_at is not None:

@@ -321,7 +321,7 @@ class GoalQueue:
     def check(self, purpose: Purpose, now: float) -> None:
         """Raise GoalRejectedError if a purpose is not allowed at `now`, s."""
         if (result := self._why_not(purpose, now)) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, result.said, result.remedy)
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, result.text_with_remedy, result.remedy)
 
     def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
         """Return the joint sample. Raises GoalRejectedError if the arm may not move at `now`."""

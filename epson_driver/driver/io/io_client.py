@@ -94,7 +94,7 @@ class RemoteEthernetIo(Backend):
     async def _give(self, commands: Sequence[str], timeout: float) -> list[PointReply]:
         async def dialogue() -> list[PointReply]:
             async with self._login(timeout * (1 + len(commands))) as ask:
-                return [await _told(ask, command, timeout) for command in commands]
+                return [await _reported(ask, command, timeout) for command in commands]
 
         try:
             return await self._turns.patient(dialogue)
@@ -103,7 +103,7 @@ class RemoteEthernetIo(Backend):
             raise IoUnavailableError(f'remote port {self._place}: {why}', sent=True) from error
 
 
-async def _told(ask: Ask, command: str, timeout: float) -> PointReply:
+async def _reported(ask: Ask, command: str, timeout: float) -> PointReply:
     try:
         async with asyncio.timeout(timeout):
             answer = await ask(command)
@@ -184,7 +184,7 @@ class Io:
         self.used = not missing
         self._backend = backend
         self._period = period
-        self._told = False
+        self._reported = False
         self._passing = False
         self._wake = asyncio.Event()
         backend.wake = self._wake.set
@@ -342,15 +342,15 @@ class Io:
         self._passing = False
         self.states = states
         self.reason = ''
-        self._told = False
+        self._reported = False
         self._notify()
 
     def _lose(self, why: str, level: int) -> None:
         """Record that the values are unknown, and log it once until they are known again."""
         self.states = ()
         self.reason = why
-        if not self._told:
-            self._told = True
+        if not self._reported:
+            self._reported = True
             _log.log(level, '%s', why)
             self._notify()
 

@@ -65,7 +65,9 @@ class RestartInterlock:
         """Block the current stream on one topic because it could not be followed."""
         self._topics[source].released = False
 
-    def hear(self, source: str, setpoint: Setpoint | None, came: float, *, missed: bool) -> bool:
+    def receive(
+        self, source: str, setpoint: Setpoint | None, came: float, *, missed: bool
+    ) -> bool:
         """Record a message, and return whether it requests motion.
 
         `setpoint`: None for an invalid message, which counts as a request for motion. `missed`:

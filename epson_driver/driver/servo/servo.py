@@ -150,7 +150,7 @@ class _Session:
     time: float = 0.0
     waited: bool = False
     braked: bool = False
-    let_go: bool = False
+    released: bool = False
     fastest: Array | None = None
     behind: float = 0.0
     said_behind: bool = False
@@ -195,7 +195,7 @@ class Servo:
         self._on_broken_off = on_broken_off
         self._session: _Session | None = None
         self._interlock = RestartInterlock()
-        self._said: dict[tuple[str, Cause | str], float] = {}
+        self._reported: dict[tuple[str, Cause | str], float] = {}
         self._begun = asyncio.Event()
         self._looked = 0.0
         self._clipped_throttle = LogThrottle()
@@ -235,7 +235,7 @@ class Servo:
         if session is None:
             return None
         now = _now()
-        if self._silent(session, now) and not session.let_go and self._done(session, now):
+        if self._silent(session, now) and not session.released and self._done(session, now):
             self._end(session)
             return None
         return f'the arm follows a stream of setpoints on {session.source}'
@@ -255,14 +255,14 @@ class Servo:
         if (problem := setpoint.problem(self._limits)) is not None:
             return self._refuse_invalid(setpoint.source, problem, came)
         self._valid.add(setpoint.source)
-        asks = self._interlock.hear(setpoint.source, setpoint, came, missed=missed)
+        asks = self._interlock.receive(setpoint.source, setpoint, came, missed=missed)
         if self._session is not None:
             return self._go_on(self._session, setpoint, now, came)
         if asks:
             return self._try_to_begin(setpoint, now, came)
         if setpoint.positions is not None and not self._at(setpoint.positions):
             if (result := self._why_not(Purpose.LET_GO, now)) is not None:
-                return self._refuse(setpoint, result.cause, result.said)
+                return self._refuse(setpoint, result.cause, result.text_with_remedy)
             text = f'it holds its position: it must move, or pause for {RELEASE_S:g} s first'
             return self._refuse(setpoint, 'far', text)
         return None
@@ -275,7 +275,7 @@ class Servo:
     def stop(self, why: str) -> bool:
         """Stop following any stream, and return whether one was followed."""
         self._interlock.trip(_now())
-        self._said.clear()
+        self._reported.clear()
         session = self._session
         if session is None:
             return False
@@ -287,7 +287,7 @@ class Servo:
     def withdraw(self) -> None:
         """Handle a negative reply to a message that the controller acknowledged before."""
         session = self._session
-        if session is not None and not session.let_go:
+        if session is not None and not session.released:
             self._break_off(session, 'the controller withdrew an acknowledgement')
 
     def on_joints(self, sample: JointSample, now: float) -> None:
@@ -315,7 +315,7 @@ class Servo:
 
     def _try_to_begin(self, setpoint: Setpoint, now: float, came: float) -> str | None:
         if (result := self._why_not(Purpose.STREAM, now)) is not None:
-            return self._refuse(setpoint, result.cause, result.said)
+            return self._refuse(setpoint, result.cause, result.text_with_remedy)
         if (waited := now - came) > self.settings.timeout:
             text = f'this driver was delayed by {waited:.3g} s after receiving it'
             return self._refuse(setpoint, 'old', text)
@@ -380,7 +380,7 @@ class Servo:
         first = self._message(session, start, session.sent_velocity, 0.0)
         self._session = session
         self._goals.plans.end('setpoints moved the arm, while the motion was planned')
-        self._said.clear()
+        self._reported.clear()
         self._plot(session, setpoint, came)
         self._note_beyond(setpoint, session, now)
         _log.info('following the stream of %ss on %s', setpoint.mode, setpoint.source)
@@ -398,7 +398,7 @@ class Servo:
             return self._refuse_invalid(setpoint.source, why, now)
         session.setpoint = setpoint
         if setpoint.at_rest:  # handled like silence
-            self._let_go(session, now)
+            self._release(session, now)
             return None
         session.heard = came
         self._plot(session, setpoint, came)
@@ -453,15 +453,15 @@ class Servo:
         if kind != 'far':
             self._interlock.block(setpoint.source)
         key, now = (setpoint.source, kind), _now()
-        before = self._said.get(key, -np.inf)
-        self._said[key] = now
+        before = self._reported.get(key, -np.inf)
+        self._reported[key] = now
         if now - before >= RELEASE_S:
             _log.warning('the stream on %s is not followed: %s', setpoint.source, text)
         return text
 
     def _refuse_invalid(self, source: str, why: str, came: float) -> str:
         self.counts.refused += 1
-        self._interlock.hear(source, None, came, missed=False)
+        self._interlock.receive(source, None, came, missed=False)
         if source != self.source:
             self._interlock.block(source)
         if source not in self._valid:  # for example, from a client without a state to start from
@@ -485,14 +485,14 @@ class Servo:
         paused = not self._goals.scaling.target
         if (result := self._why_not_on(session, now)) is not None:
             self.stop(result.text)
-        elif session.let_go:
+        elif session.released:
             if self._stopper.over and (not paused or self._silent(session, now)):
                 self._go_on_or_end(session, now)
         elif paused and not self._done(session, now):
-            self._let_go(session, now)
+            self._release(session, now)
         elif session.setpoint.mode is Mode.VELOCITY and self._silent(session, now):
             session.braked = True
-            self._let_go(session, now)
+            self._release(session, now)
         elif min(gap, now - session.heard) > RELEASE_S and not session.tracker.at_rest:
             self.stop(f'this driver was delayed by {gap:.3g} s')  # the arm may be at rest by now
         elif session.waiting:
@@ -525,7 +525,7 @@ class Servo:
 
     def _why_not_on(self, session: _Session, now: float) -> Inhibit | None:
         """Return why no further point may be sent, or None."""
-        return self._why_not(Purpose.LET_GO if session.let_go else Purpose.FOLLOW, now)
+        return self._why_not(Purpose.LET_GO if session.released else Purpose.FOLLOW, now)
 
     def _step(self, session: _Session, now: float) -> None:
         if now - session.stepped < self.settings.period - CYCLE_S / 2.0:
@@ -648,7 +648,7 @@ class Servo:
             self._break_off(session, f'setpoint {sequence} could not be sent: {error}')
 
     def _on_reply(self, session: _Session, sequence: int, packet: Packet, now: float) -> None:
-        if session is not self._session or session.let_go:
+        if session is not self._session or session.released:
             return  # STOP was sent since
         if (no := reply_rejection(packet)) is not None:
             text = f'the controller refused setpoint {sequence} ({no})'
@@ -659,13 +659,13 @@ class Servo:
 
     # --- end --------------------------------------------------------------------------------
 
-    def _let_go(self, session: _Session, now: float) -> None:
+    def _release(self, session: _Session, now: float) -> None:
         """Send STOP, unless all points are executed.
 
         This is not a requested stop, so the stream need not be silent before it continues.
         """
-        if not session.let_go and not self._done(session, now):
-            session.let_go = True
+        if not session.released and not self._done(session, now):
+            session.released = True
             self._stopper.stop()
 
     def _go_on_or_end(self, session: _Session, now: float) -> None:

@@ -166,10 +166,10 @@ class StreamFilter:
             if not open_.any():
                 break
         first = int(np.searchsorted(self._times, now - FIT_SPANS_S[-1]))
-        stands = np.ptp(self._positions[first:], axis=0) < ROUNDING
-        stands &= ~np.any(self._velocities[first:], axis=0)
-        chosen[1] = np.where(stands, report[-1], chosen[1])
-        chosen[2:, stands] = 0.0
+        resting = np.ptp(self._positions[first:], axis=0) < ROUNDING
+        resting &= ~np.any(self._velocities[first:], axis=0)
+        chosen[1] = np.where(resting, report[-1], chosen[1])
+        chosen[2:, resting] = 0.0
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0) -> ServoTarget:

@@ -43,9 +43,9 @@ class PauseDetector:
             and status.in_error != TriState.TRUE
         )
         self.interrupted = denied and not status.error_code
-        stands = status.in_motion == TriState.FALSE
-        self.paused = self.interrupted and stands
-        self.main_ended = denied and stands and not self.interrupted
+        is_at_rest = status.in_motion == TriState.FALSE
+        self.paused = self.interrupted and is_at_rest
+        self.main_ended = denied and is_at_rest and not self.interrupted
 
 
 MAX_ARRIVALS = 2048
@@ -152,9 +152,9 @@ class RobotState:
         self._velocity = JointVelocity()
         self._before: Values | None = None
         self._measured = 0.0
-        self._heard = self._calm_until = 0.0
+        self._received = self._calm_until = 0.0
         self._calm = CALM_MESSAGES
-        self._told: float | None = None
+        self._reported: float | None = None
         self._impossible: tuple[float, str] | None = None
 
     def on_joints(
@@ -273,13 +273,13 @@ class RobotState:
 
     def _step(self, now: float, passed: float | None) -> None:
         """Advance the controller's clock by a message."""
-        if self._heard and now - self._heard > (1 + LATE_SLOTS) * self._clock.period:
+        if self._received and now - self._received > (1 + LATE_SLOTS) * self._clock.period:
             if self._calm >= CALM_MESSAGES:
-                self._calm_until = self._heard
+                self._calm_until = self._received
             self._calm = 0
         else:
             self._calm += 1
-        self._heard = now
+        self._received = now
         gap = self._clock.gap
         shift = self._clock.step(now, passed)
         if shift and gap is not None and self._velocity.shift(gap, shift):
@@ -291,7 +291,7 @@ class RobotState:
         On the wire the time stamp has seven digits, and its unit is not guaranteed. Slots are
         counted instead if it is too coarse, or longer than the time that has passed here.
         """
-        before, self._told = self._told, told
+        before, self._reported = self._reported, told
         if told is None or before is None or abs(told) * 2.0**-23 > MAX_TIME_RESOLUTION_S:
             return None
         passed = told - before

@@ -227,7 +227,7 @@ class QuestionClock:
         self.measured = 0.0
         self._usual = period
 
-    def step(self, arrival: float, _told: float | None = None) -> float:
+    def step(self, arrival: float, _reported: float | None = None) -> float:
         """Process a message. Always returns 0, since earlier time stamps need no correction."""
         spacing = arrival - self.measured
         if self.measured and spacing > self._usual / 2.0:  # not two replies to one request

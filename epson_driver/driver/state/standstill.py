@@ -76,7 +76,7 @@ class Standstill:
             self._since, self._stands_at = sample.measured, sample.positions
 
     @property
-    def stands(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether the arm was at rest in the last sample that counts."""
         return self._since is not None
 

@@ -100,7 +100,7 @@ class Stopper:
         self._rejected_look = 0
         self._unsent: str | None = None
         self._alarm_since: float | None = None
-        self._said = ''
+        self._reported = ''
         self._standstill = Standstill(0.0)
         self._timer: asyncio.TimerHandle | None = None
         self._looks = 0
@@ -169,7 +169,7 @@ class Stopper:
         return 'the arm is moving' if self._moves() else 'no STATUS shows that the arm is at rest'
 
     @property
-    def stands(self) -> str:
+    def arm_state(self) -> str:
         """The arm's motion state, as a clause: at rest, moving or unknown."""
         if self._unseen:
             return 'no joint state shows whether the arm is at rest'
@@ -243,7 +243,7 @@ class Stopper:
         now = _now()
         self._sent = now
         if self._since is None:
-            self._since, self._alarm_since, self._said = now, None, ''
+            self._since, self._alarm_since, self._reported = now, None, ''
             self._acknowledged = False
             self._rejection = None
             self._standstill = Standstill(now)
@@ -339,10 +339,10 @@ class Stopper:
         try:
             await self._motors.act(Action.MOTORS_OFF, timeout)
         except MotorsError as error:
-            text = f'{self.stands} after STOP, and the motors were not switched off: {error}'
-            if text != self._said:
+            text = f'{self.arm_state} after STOP, and the motors were not switched off: {error}'
+            if text != self._reported:
                 _log.error(text)
-            self._said = text
+            self._reported = text
         else:
             _log.error('arm still moving after STOP: motors switched off')
 

@@ -274,7 +274,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     v *= (((1.0 - reserve * VELOCITY_RESERVE_SHARE) * fastest) ** -2)[:, None, None]
     a[np.append(np.tile([1.0, -1.0], len(h)), np.repeat([-1.0, 1.0], len(knots))) < 0.0] *= -1.0
     rows = np.concatenate([v, a, j, -j], axis=1)
-    rows /= _share(excess, nodes)[interval][:, None, None]
+    rows /= _fraction(excess, nodes)[interval][:, None, None]
     return Program(
         basis(h, interval, (us - nodes[interval]) / h[interval]),
         interval,
@@ -302,7 +302,7 @@ def _excess(result: LimitUsage) -> Excess:
     return result.positions[where], ratio[where]
 
 
-def _share(excess: list[Excess], nodes: Array) -> Array:
+def _fraction(excess: list[Excess], nodes: Array) -> Array:
     """Return the share of the limits to use in each interval after the given excesses."""
     fraction = np.ones(len(nodes) - 1)
     for us, ratio in excess:

@@ -247,10 +247,10 @@ class SimulatedArm:
 
     def went_back(self) -> None:
         """End the recovery of an arm at rest, complete or not."""
-        stands = self.commanded
+        rest = self.commanded
         self._recovery = self._pushed = None
-        if not self.executor.moving and not np.array_equal(stands, self.executor.position):
-            self.executor.settle(stands)
+        if not self.executor.moving and not np.array_equal(rest, self.executor.position):
+            self.executor.settle(rest)
 
     def push(self, angles: Array, powered: bool) -> None:
         """Push the joints to a position, shape (n,), rad, within the limits.

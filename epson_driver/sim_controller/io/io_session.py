@@ -196,7 +196,7 @@ class IoSession:
         self._framer = Framer(dialect.byte_order)
         self._stream = IoStream(points, clock, self._publish, lambda: available() is not None)
         self._open = True
-        self._told: str | None = None
+        self._reported: str | None = None
         self._rejected: list[str] = []
         self._answers: Mapping[type[Message], Callable[[Any], Message]] = {
             IoInfo: self._info,
@@ -231,8 +231,8 @@ class IoSession:
         if own is None or packet.comm_type is not CommType.SERVICE_REQUEST:
             return answer(packet, {})
         reason = self._available()
-        if reason != self._told:
-            self._told = reason
+        if reason != self._reported:
+            self._reported = reason
             _log.info('the I/O port %s', 'answers' if reason is None else f'refuses: {reason}')
         if reason is not None:
             return failure(packet.msg_type)

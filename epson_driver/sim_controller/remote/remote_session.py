@@ -45,7 +45,7 @@ class RemoteSession:
         self._after_cr = False
         self._open = True
         self._obeyed = False
-        self._heard = self._clock.now
+        self._received = self._clock.now
         self._timer: Timer | None = None
         self._watch()
 
@@ -62,7 +62,7 @@ class RemoteSession:
     @property
     def heard(self) -> float:
         """Time of the last command, or else of the connection, on the controller's clock, s."""
-        return self._heard
+        return self._received
 
     def receive(self, data: bytes) -> None:
         """Answer every line that is complete now."""
@@ -89,7 +89,7 @@ class RemoteSession:
     def _answer(self) -> None:
         text = self._line.decode('ascii', errors='replace')
         self._line.clear()
-        self._heard = self._clock.now
+        self._received = self._clock.now
         if not text:  # some clients end a line with CR CR LF
             return
         try:
@@ -108,7 +108,7 @@ class RemoteSession:
             self._watch()
 
     @property
-    def _patience(self) -> float:
+    def _allowed_silence(self) -> float:
         """Timeout for a silent client, s, or 0 for none."""
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
@@ -117,8 +117,8 @@ class RemoteSession:
 
         An existing timer that is early enough is kept, so the number of timers stays small.
         """
-        due = self._heard + self._patience
-        if not self._patience or (self._timer is not None and self._timer.due <= due):
+        due = self._received + self._allowed_silence
+        if not self._allowed_silence or (self._timer is not None and self._timer.due <= due):
             return
         if self._timer is not None:
             self._timer.cancel()
@@ -127,9 +127,12 @@ class RemoteSession:
     def _look(self) -> None:
         self._timer = None
         if self._dialogue.controller.window.executes:  # the client waits for its result
-            self._heard = self._clock.now
-        if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING_S:
-            self._end(f'no command for {self._patience:g} s')
+            self._received = self._clock.now
+        if (
+            self._allowed_silence
+            and self._clock.now >= self._received + self._allowed_silence - _ROUNDING_S
+        ):
+            self._end(f'no command for {self._allowed_silence:g} s')
         else:
             self._watch()
 

@@ -24,7 +24,7 @@ _IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)
 MM = 1000.0
 
 
-class Until:
+class ConditionCompletion:
     """A completion that is reached once a condition is met."""
 
     error: SpelError | None = None
@@ -78,9 +78,9 @@ def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
     if 'on' in words:
         apply(controller, Event.MOTORS_ON)
         _usual(robot)
-        return Until(lambda: True)
+        return ConditionCompletion(lambda: True)
     apply(controller, Event.MOTORS_OFF)
-    return Until(lambda: controller.condition.motors in (Motors.OFF, Motors.HELD))
+    return ConditionCompletion(lambda: controller.condition.motors in (Motors.OFF, Motors.HELD))
 
 
 def _usual(robot: RobotContext) -> None:
@@ -124,7 +124,7 @@ def _abort_motion(robot: RobotContext, _: Arguments, _words: Words) -> None:
 
 
 def _wait_position(robot: RobotContext, _: Arguments, _words: Words) -> Completion:
-    return Until(lambda: not robot.controller.in_motion)
+    return ConditionCompletion(lambda: not robot.controller.in_motion)
 
 
 def _cp(robot: RobotContext, _: Arguments, words: Words) -> None:

@@ -27,14 +27,14 @@ class Motion:
 
     def __init__(self, request: MotionRequest, share: Callable[[], float]) -> None:
         self.request = request
-        self._share = share
+        self._fraction = share
         self.done = False
         self.error: SpelError | None = None
 
     @property
     def share(self) -> float:
         """The completed fraction of the distance, 0 to 1."""
-        return 1.0 if self.done else self._share()
+        return 1.0 if self.done else self._fraction()
 
 
 class RobotMotion:
@@ -96,7 +96,7 @@ class RobotMotion:
         if self._motion is not None:
             text = 'another task is moving the robot'
             raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name.capitalize()}: {text}')
-        self._motion = motion = Motion(request, self._share)
+        self._motion = motion = Motion(request, self._fraction)
         self._stops = [self.start, *(point.target for point in points)]
         path = points[0].path
         self._arch = path if isinstance(path, Arch) else None
@@ -151,7 +151,7 @@ class RobotMotion:
             self.settle()
         return not self.sensed
 
-    def _share(self) -> float:
+    def _fraction(self) -> float:
         """Return the completed fraction of the path, by the length of its parts in joint space.
 
         For a jump it is the fraction of its middle part, and -1 before it, because !…! runs

@@ -171,10 +171,10 @@ def test_gap_with_missed_messages_does_not_release_a_stream():
     """A stalled process finds only the newest message in its queue."""
     interlock = RestartInterlock()
     interlock.trip(0.0)
-    interlock.hear(JOG, velocities(pose(0.3)), 0.1, missed=False)
-    interlock.hear(JOG, velocities(pose(0.3)), 5.0, missed=True)
+    interlock.receive(JOG, velocities(pose(0.3)), 0.1, missed=False)
+    interlock.receive(JOG, velocities(pose(0.3)), 5.0, missed=True)
     assert not interlock.permits(JOG)
-    interlock.hear(JOG, velocities(pose(0.3)), 6.1, missed=False)
+    interlock.receive(JOG, velocities(pose(0.3)), 6.1, missed=False)
     assert interlock.permits(JOG)
 
 
@@ -183,11 +183,11 @@ def test_inv4_stream_older_than_the_driver_must_pause_first():
     """Messages before the first one received, a zero, may have asked for motion."""
     for first in (ALL_STILL, velocities(pose(0.3))):
         interlock = RestartInterlock()
-        interlock.hear(JOG, first, 0.0, missed=True)
+        interlock.receive(JOG, first, 0.0, missed=True)
         for time in (0.02, 0.5, 1.4):
-            interlock.hear(JOG, velocities(pose(0.3)), time, missed=False)
+            interlock.receive(JOG, velocities(pose(0.3)), time, missed=False)
             assert not interlock.permits(JOG)
-        interlock.hear(JOG, velocities(pose(0.3)), 2.4, missed=False)
+        interlock.receive(JOG, velocities(pose(0.3)), 2.4, missed=False)
         assert interlock.permits(JOG)
 
 
@@ -196,7 +196,7 @@ def test_message_with_an_old_arrival_time_does_not_release_a_stream():
     interlock = RestartInterlock()
     interlock.trip(0.0)
     for moment in (0.5, 1.4, 2.3, -2.6, 2.4):
-        interlock.hear(JOG, velocities(pose(0.3)), moment, missed=False)
+        interlock.receive(JOG, velocities(pose(0.3)), moment, missed=False)
         assert not interlock.permits(JOG)
 
 
@@ -210,9 +210,9 @@ def test_stream_that_holds_still_for_one_second_is_released(hold):
     interlock = RestartInterlock()
     interlock.trip(0.0)
     times = np.arange(0.0, 1.2, 0.02)
-    asked = [interlock.hear(SERVO, hold(time), time, missed=False) for time in times]
+    asked = [interlock.receive(SERVO, hold(time), time, missed=False) for time in times]
     assert not any(asked[1:])
-    interlock.hear(SERVO, swinging_window(1.2), 1.2, missed=False)
+    interlock.receive(SERVO, swinging_window(1.2), 1.2, missed=False)
     assert interlock.permits(SERVO)
 
 
@@ -220,7 +220,7 @@ def test_creeping_position_does_not_release_a_stream():
     interlock = RestartInterlock()
     interlock.trip(0.0)
     for count in range(500):
-        interlock.hear(SERVO, positions(pose(3e-7 * count)), 0.02 * count, missed=False)
+        interlock.receive(SERVO, positions(pose(3e-7 * count)), 0.02 * count, missed=False)
     assert not interlock.permits(SERVO)
 
 

@@ -124,7 +124,7 @@ def test_inv2_silent_stream_stays_at_its_last_setpoint():
     for count in range(30):
         stream.add(count * PERIOD, pose(0.01 * count), pose(0.5))
     aim = stream.aim(29 * PERIOD + 0.1)
-    assert aim.stands
+    assert aim.is_at_rest
     np.testing.assert_allclose(aim.position, pose(0.29))
     np.testing.assert_allclose(aim.high, pose(0.29) + PASSED)
 

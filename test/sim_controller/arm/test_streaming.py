@@ -274,10 +274,10 @@ def test_inv3_and_4_estop_in_a_pause_ends_the_trajectory():
     harness = moving_harness()
     harness.do('pause')
     harness.run(most=0.3)
-    stands = harness.joints.tolist()
+    rest = harness.joints.tolist()
     harness.do('E-stop press', 'E-stop release', 'reset', 'motors on')
     harness.step(1.0)
-    assert harness.joints.tolist() == stands
+    assert harness.joints.tolist() == rest
     harness.send(point(80, HERE))
     assert [code for _, code in harness.codes()] == [FAILURE]
 

@@ -58,10 +58,10 @@ def test_inv2_and_3_hold_brakes_on_the_path_and_keeps_all_points(share, delay):
     assert harness.until_still() < 0.25  # independent of the planner's latency
     assert harness.arm.moving
     assert not harness.arm.velocity.any()
-    stands = harness.arm.position.tolist()
+    rest = harness.arm.position.tolist()
     assert farthest(harness.trace[since::10], free.trace) < 0.01  # one step between samples
     harness.run(1.0)
-    assert harness.arm.position.tolist() == stands
+    assert harness.arm.position.tolist() == rest
     assert harness.arm.still
     harness.arm.resume()
     assert not harness.arm.still
@@ -124,10 +124,10 @@ def test_time_of_a_hold_is_not_caught_up(held):
 
 def test_repeated_hold_and_resume_have_no_effect():
     harness = held_harness(0.5)
-    stands = harness.arm.position.tolist()
+    rest = harness.arm.position.tolist()
     harness.arm.hold()
     harness.run(0.3)
-    assert harness.arm.position.tolist() == stands
+    assert harness.arm.position.tolist() == rest
     harness.arm.resume()
     harness.arm.resume()
     harness.rest()
@@ -239,10 +239,10 @@ def test_inv3_dead_planner_in_a_hold_moves_nothing(answers):
     assert harness.arm.moving
     assert harness.arm.stop()  # as the controller does
     assert not harness.arm.moving
-    stands = harness.arm.position.tolist()
+    rest = harness.arm.position.tolist()
     harness.planner.ready = True
     harness.run(0.5)
-    assert harness.arm.position.tolist() == stands
+    assert harness.arm.position.tolist() == rest
     harness.send([harness.arm.position, HOME], 0.5)
     harness.rest()
     assert_within_limits(harness)
@@ -251,11 +251,11 @@ def test_inv3_dead_planner_in_a_hold_moves_nothing(answers):
 
 def test_resume_without_a_planner_waits_for_it():
     harness = held_harness(0.5)
-    stands = harness.arm.position.tolist()
+    rest = harness.arm.position.tolist()
     harness.planner.ready = False
     harness.arm.resume()
     harness.run(1.0)
-    assert harness.arm.position.tolist() == stands
+    assert harness.arm.position.tolist() == rest
     harness.planner.ready = True
     harness.rest()
     assert_passes(harness, FAST)

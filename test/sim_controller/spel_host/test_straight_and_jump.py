@@ -464,10 +464,10 @@ def test_inv3_till_ends_a_jump_and_its_remaining_phases(caplog):
     source = source.replace('To 4', 'To 2') + 'Function stopper\n  Wait 0.05\n  MemOn 1\nFend\n'
     harness = SpelProgramHarness(source, caplog, model=SCARA)
     harness.until(lambda: len(harness.printed) == 2)
-    stands = harness.position
+    rest = harness.position
     assert harness.printed[1] != '160 180 -84'
     harness.step(1.0)
-    assert np.array_equal(harness.position, stands)
+    assert np.array_equal(harness.position, rest)
     harness.assert_within_limits()
 
 

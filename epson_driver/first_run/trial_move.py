@@ -58,7 +58,7 @@ class NotMovedError(Exception):
 
 
 @dataclass
-class TestMove:
+class TrialMove:
     """Records of one motion. Times: s on the loop's clock.
 
     sent: times of the points. answers: time and code of each reply, or None without a reply.
@@ -108,7 +108,7 @@ class TestMove:
         return next((at for at, status in self.statuses if true(status)), None)
 
 
-async def ride(
+async def move_and_record(
     state: Conversation,
     motion: Conversation,
     model: RobotModel,
@@ -116,7 +116,7 @@ async def ride(
     targets: Sequence[Array],
     durations: Sequence[float],
     stop_after: float | None = None,
-) -> TestMove:
+) -> TrialMove:
     """Move through the targets, shape (n,) each, rad or m, and wait until the arm rests.
 
     stop_after: time from the first point with motion to a STOP, s. Raises NotMovedError before
@@ -126,7 +126,7 @@ async def ride(
     here = await _here(state, model, errors)
     _check(here, targets, durations, model)
     first = len(state.heard.packets)
-    made = TestMove()
+    made = TrialMove()
     motion.dialect = state.heard.packets[-1][1].dialect
     stopping: asyncio.Task[None] | None = None
     try:
@@ -160,7 +160,7 @@ async def ride(
     return made
 
 
-async def _stop_after(motion: Conversation, seconds: float, made: TestMove) -> None:
+async def _stop_after(motion: Conversation, seconds: float, made: TrialMove) -> None:
     await asyncio.sleep(seconds)
     made.stopped = asyncio.get_running_loop().time()
     motion.post(STOP)
@@ -222,7 +222,7 @@ def _positions(state: Conversation, first: int, joints: int) -> tuple[Array, Arr
     return np.array([at for at, _ in seen]), np.array([item[:joints] for _, item in seen])
 
 
-def _take_over(made: TestMove, state: Conversation, first: int, joints: int) -> None:
+def _take_over(made: TrialMove, state: Conversation, first: int, joints: int) -> None:
     made.lateness = state.heard.lateness
     made.times, made.positions = _positions(state, max(first - 1, 0), joints)
     made.statuses = [
@@ -232,7 +232,7 @@ def _take_over(made: TestMove, state: Conversation, first: int, joints: int) -> 
     ]
 
 
-def ahead(made: TestMove, joint: int, delay: float) -> float:
+def ahead(made: TrialMove, joint: int, delay: float) -> float:
     """Return the maximum number of points acknowledged ahead of the arm, in a ride of one joint.
 
     delay: the delay of replies, s.
@@ -249,7 +249,7 @@ def ahead(made: TestMove, joint: int, delay: float) -> float:
     return max(counts, default=0.0)
 
 
-def rests(made: TestMove) -> int:
+def rests(made: TrialMove) -> int:
     """Return how often the arm rested during its motion."""
     if made.begin is None:
         return 0
