@@ -158,7 +158,7 @@ def _half_turns(angle: float) -> int:
 LAST_NUMBER = 999
 MAX_LABEL_CHARACTERS = 16
 MAX_BYTES = 4_000_000
-"""Maximum file size. A file of 1000 points has a tenth of it."""
+"""Maximum file size, bytes: about ten times the size of a file with 1000 points."""
 
 _NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
 _AXES = 'XYZUVW'

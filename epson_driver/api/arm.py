@@ -56,31 +56,43 @@ class Arm(Unique):
 
     @property
     def joint_velocities(self) -> Array:
-        """Joint velocities, shape (n,), rad/s (m/s). Raises as `joints`."""
+        """Joint velocities, shape (n,), rad/s (m/s). Raises RobotError like `joints`."""
         return self._connection.sample().velocities.copy()
 
     def sample(self) -> Sample:
-        """Return joints, time and state of the newest sample. Raises as `joints`."""
+        """Return the newest sample: joints, time and state. Raises RobotError like `joints`."""
         return self._connection.stamped(self._connection.sample())
 
     @property
     def pose(self) -> Array:
-        """The flange (tool0) in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
+        """The flange (tool0) in base_link: homogeneous, shape (4, 4), m.
+
+        Raises RobotError like `joints`.
+        """
         return self._kinematics.forward(self._connection.sample().positions)
 
     @property
     def tool_pose(self) -> Array:
-        """The tool in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
+        """The tool in base_link: homogeneous, shape (4, 4), m.
+
+        Raises RobotError like `joints`.
+        """
         return self._hand[1].forward(self._connection.sample().positions)
 
     @property
     def ros_pose(self) -> Array:
-        """The tool in base_link: x y z, m, and a quaternion x y z w, shape (7,). As `joints`."""
+        """The tool in base_link: x y z, m, and a quaternion x y z w, shape (7,).
+
+        Raises RobotError like `joints`.
+        """
         return quaternion_pose(self.tool_pose)
 
     @property
     def epson_point(self) -> EpsonPoint:
-        """The tool as shown on the teach pendant, in mm and degrees. Raises as `joints`."""
+        """The tool as shown on the teach pendant, in mm and degrees.
+
+        Raises RobotError like `joints`.
+        """
         return EpsonPoint.of(self.pose_in(BASE))
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
@@ -91,7 +103,7 @@ class Arm(Unique):
     def pose_in(self, frame: str) -> Array:
         """Return the tool in a frame: homogeneous, shape (4, 4), m.
 
-        Raises ArgumentError for an unknown frame; otherwise as `joints`.
+        Raises ArgumentError if the frame is unknown, and RobotError like `joints`.
         """
         return self._frames.pose_in(self.tool_pose, frame)
 

@@ -103,7 +103,8 @@ class Recording(Unique):
     def plan(self, limits: JointLimits, speed: float) -> Trajectory:
         """Return the recording as a trajectory from rest to rest, at a fraction of the speed.
 
-        The first rest is skipped. Raises ValueError with the part that cannot be replayed.
+        The time before the first motion is skipped. Raises RobotError if the recording is empty,
+        and ValueError if its joint names are not the arm's or its samples have a gap.
         """
         self._check_any()
         if self.joint_names != limits.names:

@@ -78,7 +78,7 @@ EACH = (
 
 
 def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return the arguments of one robot per namespace that differ between the robots.
+    """Return one dict per namespace: the arguments that may differ between the robots.
 
     Raises BringupError if the lists do not match.
     """

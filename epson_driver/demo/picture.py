@@ -53,7 +53,10 @@ class Drawn:
 
 
 def top_speed(recording: Recording, limits: JointLimits) -> str:
-    """Return the highest velocity of all joints in words: first in rad/s, then in m/s."""
+    """Return the highest joint velocity in each unit as a text, such as '1.57 rad/s, 0.40 m/s'.
+
+    The units are in joint order, and only those that the arm's joints have.
+    """
     fastest = np.abs(recording.velocities).max(axis=0)
     units = np.array(limits.units)
     return ', '.join(

@@ -42,8 +42,8 @@ Fact = Callable[['InhibitTable', float], Inhibit | None]
 class InhibitTable:
     """Determines whether the arm may move.
 
-    `connects_later`: whether the motion link waits for the byte order. `second`: another process
-    that receives this driver's requests, or None.
+    `connects_later`: whether the motion link waits for the byte order. `second`: the
+    inhibit that applies while another process also receives this driver's requests, or None.
     """
 
     channel: Channel

@@ -61,7 +61,10 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
 
 
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
-    """Return the line, from 1, of a nested key in a file already read by `read_yaml`, or None."""
+    """Return the line number, from 1, of a nested key in a file already read by `read_yaml`.
+
+    If the key is missing, return the line of its deepest existing parent, or None without one.
+    """
     try:
         node: Any = yaml.compose(read_file(path, MEGABYTE).decode('utf-8-sig'), Loader=_Loader)
     except (InputError, UnicodeDecodeError, yaml.YAMLError):  # the file has changed

@@ -108,11 +108,12 @@ REST_SHARE = 1e-9
 
 
 class JointMotion:
-    """A motion of n joints from a state, usually to rest, each by k pieces of constant jerk.
+    """A motion of n joints. The motion of each joint has k pieces of constant jerk.
 
-    durations, jerks: shape (n, k), s and rad/s³. It starts exactly in the given state. `duration`
-    is in s, `end` is the rest position, rad. `times` are the breakpoints of each joint, shape
-    (n, k + 1), `states` its positions, velocities and accelerations there, shape (3, n, k + 1).
+    It starts exactly in the given state, and usually ends at rest. durations, jerks: shape (n, k),
+    s and rad/s³. `duration` is in s, `end` is the position at the end, rad. `times` are the
+    breakpoints of each joint, shape (n, k + 1). `states` are its positions, velocities and
+    accelerations there, shape (3, n, k + 1).
     """
 
     def __init__(self, state: State, durations: Array, jerks: Array) -> None:

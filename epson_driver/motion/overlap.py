@@ -216,7 +216,11 @@ class _Check:
 
 
 def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, Array, Array]:
-    """Return distance, velocity, acceleration and jerk at times, in the pieces of `middle`."""
+    """Return distance, velocity, acceleration and jerk at `times`.
+
+    middle: for each time, a time inside the piece to evaluate. It selects one of the two pieces
+    that meet at a breakpoint.
+    """
     piece = np.clip(np.searchsorted(pieces.times, middle, side='right') - 1, 0, 7)
     t = times - pieces.times[piece]
     s, v, a, j = (

@@ -189,7 +189,10 @@ def smoothed(
 
 
 def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:
-    """Return the fastest motion through a trajectory's points, as the smoother merges them."""
+    """Return the fastest motion through a trajectory's points, or None if none was found.
+
+    Points are merged like in the smoother.
+    """
     points = Waypoints(limits, trajectory.positions[0], Mode.TIME_OPTIMAL)
     for position in trajectory.positions:
         points.append(position, None, 0.0, in_motion=False)

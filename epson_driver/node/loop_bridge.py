@@ -245,7 +245,7 @@ class NodeContext:
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
-    """Call a function. Report an exception with the robot's name."""
+    """Call a function. If it raises, report the exception to the exception handler of the loop."""
     try:
         function(*arguments)
     except Exception as error:  # noqa: BLE001 - it is reported

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Converts the driver's values to ROS messages, and its remedies to the names of ROS."""
+"""Converts the driver's values to ROS messages, and its remedies to advice for ROS users."""
 
 from collections.abc import Sequence
 

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One window of the panel: a set of named parts, of which only changes are sent.
+"""Sends the state of the chosen robot to one browser window of the panel.
 
-However slow its line is, only the newest version of each part is queued for it.
+The state consists of named parts, such as joints or lamps. A part is sent when it has changed. On
+a slow connection a newer version replaces the queued one, so each part is queued once at most.
 """
 
 import asyncio

@@ -43,7 +43,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class PortsProfile:
-    """TCP ports of the servers. `remote` 0: the real controller has none for the driver."""
+    """TCP ports of the controller's servers. `remote`: 0 if the driver has no access to it."""
 
     motion: int
     state: int

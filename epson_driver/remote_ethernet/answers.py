@@ -46,10 +46,10 @@ CONTROL_DEVICES = {
 
 
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
-    """Return the names of the set flags, and the error number.
+    """Request the status. Return the names of the flags that are set, and the error number.
 
-    RC+ 5 sends ten flags, without Test. Flags are therefore aligned at the end. Raises
-    ConnectionError for a reply that is not a status.
+    RC+ 5 sends ten flags, without Test. The flags are therefore matched to the last names of
+    FLAGS. Raises ConnectionError if the reply is not a status.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')

@@ -39,7 +39,7 @@ from epson_driver.report.trace_run import LINK_LOST
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, DATA_END = 0x01, 0x02, 0x0F
-"""Records of the MCAP specification, section Records."""
+"""Operation codes of the records Header, Footer and Data End (MCAP specification, Records)."""
 
 _LENGTH = 9
 """Bytes of a record's operation code and length."""

@@ -221,9 +221,11 @@ def _checked_pose(pose: Array) -> Array:
 POSES = 2000
 """Number of random poses over the joint ranges that represent the workspace."""
 
-USUAL, NEARLY_ALL = 0.8, 0.95
-"""Quantiles of the condition over these poses. Servo slows beyond the first, halts beyond the
-second."""
+USUAL = 0.8
+"""MoveIt Servo slows the arm if the condition exceeds this quantile of the random poses."""
+
+NEARLY_ALL = 0.95
+"""MoveIt Servo halts the arm if the condition exceeds this quantile of the random poses."""
 
 
 def singularity_thresholds(model: RobotModel) -> tuple[float, float]:

@@ -202,7 +202,11 @@ class OpwSolver:
 def _wrists(
     arm: tuple[float, float, float], turn: Array, fourth: float
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield the angles of joints 4 to 6 for the hand's orientation, `fourth` if it is free."""
+    """Yield the angles of joints 4 to 6 that produce an orientation of the hand.
+
+    arm: angles of joints 1 to 3. turn: the orientation, a rotation matrix. fourth: angle of joint
+    4 if the wrist is straight, because any angle is then possible.
+    """
     (c1, s1), (c23, s23) = ((cos(item), sin(item)) for item in (arm[0], arm[1] + arm[2]))
     forearm = np.array([[c1 * c23, s1 * c23, -s23], [-s1, c1, 0.0], [c1 * s23, s1 * s23, c23]])
     r = (forearm @ turn).tolist()

@@ -211,11 +211,11 @@ class ClientConnection(Session):
 
     @property
     def claim(self) -> tuple[bool, bool, bool, float]:
-        """Return the eviction priority of a remote client, lowest first.
+        """The sort key for eviction from a full remote port: the lowest client is evicted first.
 
-        A new client has the highest, followed by a client of this machine, then a client with an
-        accepted command such as a login, then the client with the most recent command. No command
-        is ever pending, because each is answered on arrival.
+        A new client has the highest key, followed by a client of this machine, then a client with
+        an accepted command such as a login, then the client with the most recent command. A client
+        that waits for the answer to `$Execute` gets no higher key.
         """
         session = self.session
         if not isinstance(session, RemoteSession):

@@ -392,7 +392,7 @@ def format_into(_task: Task, value: Value, form: str, into: Reference) -> None:
 
 
 def set_point(task: Task, number: int, point: Point) -> None:
-    """P(n) = …: converted as stored in P0, P1, …."""
+    """P(n) = point: convert the point to the form of P0, P1, …, and store it. Raises SpelError."""
     world = task.world
     world.points[within('P', number, 0, LAST_POINT)] = world.host.stored_point(point)
 

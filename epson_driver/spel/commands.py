@@ -18,7 +18,7 @@ from epson_driver.spel.words import WORDS, is_a
 
 
 class TaskType(IntEnum):
-    """Task types, which differ in the events that end them, with the numbers of TaskInfo(n, 2)."""
+    """Task types. They differ in what pauses and ends a task. The values are TaskInfo(n, 2)."""
 
     NORMAL = 0
     NO_PAUSE = 1
@@ -154,7 +154,7 @@ def _rules() -> Iterator[CommandRule]:
 
 
 COMMANDS = {rule.name.lower(): rule for rule in _rules()}
-"""By name in lower case."""
+"""Name of the statement in lower case → its rule."""
 
 TYPES = {
     name: WORDS[name].since[0]

@@ -249,7 +249,10 @@ def print_to(
 def input_from(
     task: Task, number: int | None, targets: tuple[Reference, ...], whole: bool
 ) -> None:
-    """Input [#n,] a, b and Line Input [#n,] s$."""
+    """Input [#n,] a, b, or Line Input [#n,] s$ if `whole`.
+
+    Without a number it reads from the terminal.
+    """
     if number is None:
         input_terminal(task, targets, whole)
         return

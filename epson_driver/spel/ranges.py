@@ -92,7 +92,7 @@ def key_of(name: str) -> str:
 
 
 def limits(key: str, place: int) -> tuple[float, float] | None:
-    """Return the minimum and maximum of an argument, counted from 0, or None."""
+    """Return the minimum and maximum of the argument with index `place`, or None if unlimited."""
     ranges = RANGES.get(key, ())
     return ranges[place] if place < len(ranges) else None
 

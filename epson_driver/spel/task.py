@@ -40,7 +40,8 @@ COMMAND_TASK = 0
 """Task number of the command window, which no program can use."""
 
 EVALUATED_AS = 1_000
-"""Number of statements that an Eval counts as, because it compiles a command."""
+"""Number that an Eval adds to the count of statements without a wait. It is more than 1 because
+Eval compiles a command."""
 
 Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]

@@ -192,10 +192,11 @@ def _blend(
     radius: float,
     index: int,
 ) -> tuple[float, Array]:
-    """Return a blend at a corner: its extent to each side, and its polynomials.
+    """Return a blend at a corner: its extent to each side, s at full speed, and its polynomials.
 
-    The extent is at most `room`, s at full speed. rates: the joints' full velocities before and
-    after the corner.
+    positions: returns the tool's positions at joints. rates: the joints' full velocities before
+    and after the corner. room: maximum extent. The extent is reduced until the tool stays within
+    `radius`, m, of the corner. Raises BlendError with `index` if no extent is small enough.
     """
     (origin,) = positions(corner[None, :])
     shares = np.linspace(0.0, 1.0, LOOKS + 1)

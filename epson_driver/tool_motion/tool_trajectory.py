@@ -31,7 +31,7 @@ TINY = 1e-12
 """Lower bound of a derivative."""
 
 BEND_LOOKS = 33
-"""Number of samples of a part for its bend."""
+"""Number of positions on each part of the path at which its derivatives are evaluated."""
 
 
 @dataclass(frozen=True, slots=True)

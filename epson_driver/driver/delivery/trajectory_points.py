@@ -37,7 +37,8 @@ START_MARGIN_RAD = 1e-4
 """Distance from the arm within which a plan starts exactly at the arm's position, rad."""
 
 LIMIT_MARGIN_RAD = 1e-6
-"""Margin for rounding errors if joints and limits use different conventions, rad."""
+"""Distance kept from the position limits, rad, so that rounding errors cannot exceed them when
+positions are converted to a controller that counts its joints differently."""
 
 FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 """Fields of a JOINT_TRAJ_PT_FULL. Motoman requires these three, and its interpolation computes its

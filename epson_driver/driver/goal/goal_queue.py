@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The running goal and the waiting goal, from submission to outcome.
+"""Handles goals from submission to outcome. One goal runs, and one may wait.
 
-A new goal replaces the running one, which is stopped. The new goal starts when the arm is at rest.
-If the goal before it ended immediately, the new goal starts when the stop of that goal is over. A
-goal with a start time in the future waits as the running goal, in the state PREPARING. Everything
-here runs in the driver's loop.
+A new goal waits while the driver stops the running goal, and starts when the arm is at rest. A
+goal may have ended before the arm is at rest. The next goal then waits until that stop is
+complete. A goal with a start time in the future already counts as the running goal, in the state
+PREPARING. All of this code runs in the driver's loop.
 """
 
 import asyncio

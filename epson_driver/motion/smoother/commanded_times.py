@@ -70,7 +70,10 @@ def within_horizon(
 
 
 def _ratio(request: Request) -> float:
-    """Return the maximum ratio to the commanded speed for making up lost time."""
+    """Return the usual ratio to the commanded speed for making up lost time.
+
+    `_higher_ratio` returns a higher one for a motion that would end late.
+    """
     return min(CATCH_UP_RATIO, request.catch_up)
 
 

@@ -45,10 +45,13 @@ MAX_KNOTS = 4
 START_INTERVALS = 10
 """Number of intervals at the start without this reserve (for jerk, with half of it)."""
 
-FINER_RATIO, COARSE_RATIO = 1.03, 1.3
-"""A limit exceeded by more than FINER_RATIO after the first round shows that the nodes are too far
-apart there, so nodes are added. An excess above COARSE_RATIO in that round does not indicate the
-allowed speed."""
+FINER_RATIO = 1.03
+"""Ratio of usage to limit, after the first round, above which nodes are added at an excess because
+they are too far apart there."""
+
+COARSE_RATIO = 1.3
+"""Ratio of usage to limit above which an excess of the first round does not show the allowed
+speed, so that nodes are added but the speed is not reduced by it."""
 
 FINAL_INTERVALS = 4
 """Intervals at the end without added nodes: the ramp to rest and its neighbours stay unchanged."""
@@ -56,12 +59,21 @@ FINAL_INTERVALS = 4
 MAX_ROUNDS = 4
 """Maximum rounds. Each starts with the previous timing and reduces the speed at an excess."""
 
-EXCESS_MARGIN_RATIO, EXCESS_NEIGHBOURS, MAX_LESS_RATIO = 1.01, 2, 4.0
-"""Margin below the speed that would just be allowed, number of intervals to both sides that are
-reduced with it, and maximum reduction by one round."""
+EXCESS_MARGIN_RATIO = 1.01
+"""After an excess all limits are divided by this factor, and in the intervals with the excess by
+its square times the ratio of the excess."""
 
-MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
-"""Maximum number of reductions of a ramp that exceeds a limit, and the jerk ratio of each."""
+EXCESS_NEIGHBOURS = 2
+"""Number of intervals on either side of an excess whose limits are reduced with it."""
+
+MAX_LESS_RATIO = 4.0
+"""Maximum factor by which one round reduces the limits in an interval."""
+
+MAX_GENTLER_RAMPS = 20
+"""Maximum number of times that the jerk of a ramp is reduced because the ramp exceeds a limit."""
+
+GENTLER_RAMP_RATIO = 0.7
+"""Factor by which each of these reductions multiplies the jerk."""
 
 Excess = tuple[Array, Array]
 """u, and the ratio of usage to limit there."""

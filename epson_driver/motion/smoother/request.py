@@ -74,10 +74,11 @@ PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivePlan:
-    """The plan executed since `begin`, s: a path, and the timing on it.
+    """The plan that is executed from the time `begin`, s: a path, and the timing on it.
 
-    route: the waypoints at the path's knots. clocks: commanded time of each one, s on the clock
-    of the points, shape (k,). pause: whether it comes to rest on the path.
+    route: the waypoint at each knot of the path. clocks: commanded time of each waypoint, s on the
+    clock of the points, shape (k,). pause: whether the plan comes to rest as soon as possible,
+    and not at the end of the path.
     """
 
     path: Path
@@ -89,7 +90,7 @@ class ActivePlan:
 
     @property
     def end(self) -> float:
-        """Time of the rest at its end, s."""
+        """Time at which the motion comes to rest at the end of the plan, s."""
         return self.begin + self.timing.duration
 
     @property

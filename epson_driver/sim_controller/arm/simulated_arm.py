@@ -72,7 +72,7 @@ class Servo:
 
     @property
     def settled(self) -> bool:
-        """Whether all joints are at rest exactly at a constant command."""
+        """Whether the command is constant and all joints are at rest exactly at this position."""
         return self._settled
 
     @property

@@ -72,7 +72,7 @@ REPLIES: dict[str, Callable[[int], Message]] = {
     'sequence': JointPosition,
     'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
 }
-"""Function of a sequence that returns the reply to the point, by the profile's reply format."""
+"""`reply` of the profile → function that returns the reply to a point with a given sequence."""
 
 
 STOP = SpecialSequence.STOP_TRAJECTORY

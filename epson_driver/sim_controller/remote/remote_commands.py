@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""EPSON's Remote Ethernet commands: one line in, one line out, from one table.
+"""Table of EPSON's Remote Ethernet commands. Each is one line, answered with one line.
 
 `$Cmd,parameters` is answered with `#Cmd,value` (0 for commands without a value) or `!Cmd,error`,
 with the client's spelling of the name. `$Execute` is answered when its statement has ended. Names,

@@ -89,13 +89,13 @@ class PortObject(Session):
 
 
 class ProgramNetwork:
-    """The ports of one program.
+    """The network ports that a SPEL+ program opens with OpenNet.
 
-    `names`: TCP port in the program → the controller's port. Other ports are named by their
-    number, with which `listen` is called when the program first opens one. `listen` may raise
-    OSError. `connect` is called with a port that is opened as a client. Without it, a client of a
-    TCP port that the program itself serves is connected to that port, and other clients have no
-    peer.
+    `names`: TCP port in the program → name of the controller's port. The name of any other port is
+    its number. `listen` is called with this number when the program first opens the port as a
+    server, and may raise OSError. `connect` is called with each port that the program opens as a
+    client. If `connect` is None, such a client is connected to the program's own server of the
+    same TCP port, if any.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:

@@ -33,7 +33,7 @@ class Motion:
 
     @property
     def share(self) -> float:
-        """The completed fraction of the distance, 0 to 1."""
+        """The completed fraction of the path, 0 to 1, or -1 in a jump before its move across."""
         return 1.0 if self.done else self._fraction()
 
 
@@ -152,10 +152,10 @@ class RobotMotion:
         return not self.sensed
 
     def _fraction(self) -> float:
-        """Return the completed fraction of the path, by the length of its parts in joint space.
+        """Return the completed fraction of the path, measured by its length in joint space.
 
-        For a jump it is the fraction of its middle part, and -1 before it, because !…! runs
-        parallel to this part only (p57).
+        For a jump only the move across counts, because !…! runs parallel to this move only (p57).
+        Before the move across the result is -1.
         """
         stops, position = self._stops, self._arm.position
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]
