@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The minimal path of joint states from a controller into ROS: the reference for the driver.
+"""Publish joint states with as little code as possible: a reference for the driver.
 
-It is a StreamReader, struct, and one reused message. It checks nothing, has no velocities, no
-other topic and no motion interface, so it has no practical use.
+A StreamReader and struct decode them into one reused message, without checks and velocities. The
+program has no other topic and no motion interface, so it has no practical use.
 """
 
 import argparse
@@ -27,8 +27,11 @@ async def forward(port: int, publisher: Publisher, clock: Clock, message: JointS
     reader, writer = await asyncio.open_connection('127.0.0.1', port)
     writer.get_extra_info('socket').setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     while True:
-        (length,) = PREFIX.unpack(await reader.readexactly(4))
-        frame = await reader.readexactly(length)
+        try:
+            (length,) = PREFIX.unpack(await reader.readexactly(4))
+            frame = await reader.readexactly(length)
+        except asyncio.IncompleteReadError:
+            return
         msg_type, _, _, _, *joints = MESSAGE.unpack_from(frame)
         if msg_type == JOINT_POSITION:
             message.header.stamp = clock.now().to_msg()
@@ -39,8 +42,8 @@ async def forward(port: int, publisher: Publisher, clock: Clock, message: JointS
 def main() -> None:
     """Run until the controller closes the connection."""
     parser = argparse.ArgumentParser(prog='benchmark.floor', description=__doc__)
-    parser.add_argument('port', type=int, help='of the state, on this machine')
-    parser.add_argument('topic')
+    parser.add_argument('port', type=int, help='state port of a controller on this machine')
+    parser.add_argument('topic', help='topic for the joint states')
     arguments = parser.parse_args()
     rclpy.init()
     node = rclpy.create_node('floor')

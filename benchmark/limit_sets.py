@@ -29,7 +29,7 @@ FACTORS = {'full': Factors(10.0, 10.0), 'half': Factors(5.0, 5.0)}
 
 
 def limit_set(name: str) -> JointLimits:
-    """Return the limits of a set, `full` or `half`, with the positions of the EPSON C3."""
+    """Return the `full` or `half` limit set, with the joint ranges of the EPSON C3."""
     model = load_robot_model('c3_a601s').limits
     factors = FACTORS[name]
     acceleration = factors.acceleration * MAX_VELOCITY_RAD_S

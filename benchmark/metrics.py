@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmark.motion_record import Mask, Record
 from benchmark.trajectories import BenchmarkTrajectory
-from benchmark.waypoints import closest_sample_indices, may_be_merged
+from benchmark.waypoints import may_be_merged, waypoint_passages
 from epson_driver.motion import Array, JointLimits
 
 MERGE_TOLERANCE_RAD = 5e-4
@@ -62,7 +62,7 @@ def measure(
     """Return the metrics of a motion along a trajectory. `timed`: it had to keep the times."""
     positions = record.positions
     last = trajectory.positions[-1]
-    passed = closest_sample_indices(trajectory.positions, record)
+    passed = waypoint_passages(trajectory.positions, record)
     merged = may_be_merged(trajectory.positions, MERGE_TOLERANCE_RAD)
     errors = np.where(
         merged, np.maximum(passed.distances - MERGE_TOLERANCE_RAD, 0.0), passed.distances

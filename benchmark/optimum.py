@@ -25,7 +25,7 @@ from benchmark.motion_record import Index, Record
 from benchmark.references import FILE, digest
 from benchmark.strategies import ON_SPLINE, STRATEGIES, run
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from benchmark.waypoints import closest_sample_indices
+from benchmark.waypoints import waypoint_passages
 from epson_driver.motion import Array, JointLimits
 
 MERGED_RAD = 5e-4
@@ -107,7 +107,7 @@ def _times(waypoints: Array, record: Record) -> Array:
     """Return the passage times of waypoints, starting when the motion leaves the first one, s."""
     moving = np.flatnonzero(np.abs(record.positions - waypoints[0]).max(axis=1) > 1e-6)
     there = np.flatnonzero(np.abs(record.positions - waypoints[-1]).max(axis=1) > 1e-6)
-    times = closest_sample_indices(waypoints, record).times
+    times = waypoint_passages(waypoints, record).times
     times[0] = record.dt * (moving[0] - 1)
     times[-1] = record.dt * (there[-1] + 1)
     return np.maximum.accumulate(np.clip(times, times[0], times[-1]))

@@ -27,7 +27,7 @@ class Passages:
     distances: Array
 
 
-def closest_sample_indices(positions: Array, record: Record) -> Passages:
+def waypoint_passages(positions: Array, record: Record) -> Passages:
     """Return the nearest passages of waypoints (m, n) that are in order.
 
     Every local minimum of the distance is a candidate. One candidate per waypoint is chosen so

@@ -63,7 +63,7 @@ class ArmLimits:
         return Smoother(*args, observer=Executed(self), **named)
 
     def look(self, arm: Any) -> None:
-        """Check the current executor of the arm, and a new recovery motion."""
+        """Check the motion of the current executor, and a recovery motion that has started."""
         executor = arm.executor
         if isinstance(executor, PointToPoint):
             if executor not in self._segments:

@@ -331,7 +331,7 @@ class End(asyncio.Transport):
     # --- received data -----------------------------------------------------------------------
 
     def receive_eof(self) -> None:
-        """Receive a FIN that the peer has not sent."""
+        """Receive a FIN as if the peer had sent it."""
         self._arrive(None)
 
     def receive_reset(self) -> None:

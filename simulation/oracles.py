@@ -92,7 +92,7 @@ class Wishes:
         self.asked = now
 
     def give_up(self, goals: Iterable[int], now: float) -> None:
-        """Record that these goals are not wanted any more."""
+        """Record that no user wants these goals any more, since `now`."""
         for number in list(goals):
             if number in self.goals:
                 self.goals.discard(number)

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planning processes: for smooth motion in the controller, and for goals in the driver.
+"""Simulated worker processes: the controller's planner, and the driver's smoothing of goals.
 
-Here they run without a process, but take time, hang and die. The package's own code starts,
-monitors and ends them, and encodes the data in between.
+They run in the simulation's process, take simulated time, and may hang or exit. The package's own
+code starts, monitors and ends them, and encodes their data.
 """
 
 import asyncio

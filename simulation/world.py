@@ -439,7 +439,7 @@ class World:
         self.loop.drift('controller', rate)
 
     def process_over(self, task: asyncio.Task[None]) -> None:
-        """Judge how the work of a process ended."""
+        """Report an error that ended a process as a broken invariant."""
         error = None if task.cancelled() else task.exception()
         if isinstance(error, BrokenError):
             self.break_(error)

@@ -153,13 +153,13 @@ def test_error_numbers_are_in_order():
     assert list(EPSON) == sorted(EPSON)
 
 
-def test_phrase_has_number_meaning_and_doubt():
-    texts = ErrorTexts({1: ErrorText('it broke', 'mend it'), 2: ErrorText('it sank', '', False)})
+def test_error_phrase_has_number_and_meaning_and_marks_unconfirmed_ones():
+    texts = ErrorTexts({1: ErrorText('it broke', 'fix it'), 2: ErrorText('it sank', '', False)})
     assert texts.phrase(1) == '1 (it broke)'
     assert texts.phrase(2) == '2 (it sank, not confirmed)'
     assert texts.phrase(3) == '3'
-    assert EPSON.phrase(0) == '0'  # an error without a number
-    assert texts.advice(1, 'look') == 'mend it'
+    assert EPSON.phrase(0) == '0'  # 0 means no error
+    assert texts.advice(1, 'look') == 'fix it'
     assert texts.advice(2, 'look') == texts.advice(3, 'look') == 'look'
     assert len(texts) == 2
 

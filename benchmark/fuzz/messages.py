@@ -99,7 +99,7 @@ def message(chance: Chance, kinds: tuple[int, ...] = (), order: str = '<') -> by
 
 
 def point(chance: Chance, sequence: int, order: str = '<', *, duration: float = 0.0) -> bytes:
-    """Return a point near the middle of every joint's range."""
+    """Return a point with every joint within 0.3 rad of zero."""
     joints = [round(chance.uniform(-0.3, 0.3), 3) for _ in range(6)]
     body = struct.pack(order + 'i12f', sequence, *joints, *[0.0] * 5, duration)
     return frame(POINT, REQUEST, 0, body, order)

@@ -47,7 +47,7 @@ class Figures:
 
 
 class Novelty(logging.Handler):
-    """Records which lines of code log. An input that triggers a new one is added to the corpus."""
+    """Records which lines of code log. An input that makes a new line log joins the corpus."""
 
     def __init__(self) -> None:
         super().__init__(logging.DEBUG)

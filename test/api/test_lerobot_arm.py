@@ -101,7 +101,7 @@ def anything(step, count):
                 ('cx7_a901s', far, (40, 47)),
                 ('vt6_a901s', far, (40, 47)),
                 ('c3_a601s', anything, (40, 47)),
-                # just after a reversal, at rising speed
+                # the actions end just after a reversal, while the speed rises
                 ('vt6_a901s', to_and_fro, (42, 47, 52)),
                 ('c3_a601s', against_each_other, (40, 52)),
             )

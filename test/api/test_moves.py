@@ -53,7 +53,7 @@ def test_plausible_degrees_are_recognised():
 
 @pytest.mark.parametrize('fraction', [0.0, -1.0, 1.5, float('nan'), '1', True, None])
 @pytest.mark.parametrize('name', ['speed', 'acceleration'])
-def test_invalid_fraction_is_rejected_by_its_name(name, fraction):
+def test_error_for_an_invalid_fraction_starts_with_its_name(name, fraction):
     with pytest.raises(ValueError, match=rf'^{name} = '):
         moves.check_shares(**{'speed': 1.0, 'acceleration': 1.0, name: fraction})
 

@@ -188,7 +188,7 @@ def test_repeated_noisy_points_count_once_with_the_smallest_blend():
 
 
 @pytest.mark.parametrize('away', [0.0, 1e-7, 2e-6, 1e-5, 9e-5, 1e-3])
-def test_path_to_the_current_pose_has_no_run(away):
+def test_path_shorter_than_a_micrometre_has_no_run(away):
     end = HERE.copy()
     end[1, 3] += away
     for count in (1, 2):

@@ -75,7 +75,7 @@ LONG = list(product(['spel'], list(ROWS)[1:]))
         product(PROFILES, ROWS),
     ),
 )
-async def test_each_call_names_the_cause_of_the_standstill(profile: str, name: str) -> None:
+async def test_refused_motion_and_enable_name_the_cause(profile: str, name: str) -> None:
     row = ROWS[name]
     async with robot_cell(profile=profile) as (robot, controller):
         here = robot.joints

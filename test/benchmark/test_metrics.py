@@ -15,7 +15,7 @@ from benchmark.motion_record import Record
 from benchmark.references import References, digest
 from benchmark.strategies import SAMPLE_STEP_S
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from benchmark.waypoints import closest_sample_indices, may_be_merged
+from benchmark.waypoints import may_be_merged, waypoint_passages
 from epson_driver.motion import Array, go
 
 LIMITS = limit_set('full')
@@ -84,7 +84,7 @@ def test_missed_waypoint_is_measured() -> None:
 
 def test_early_waypoint_is_measured() -> None:
     record = stops_at_each()
-    late = np.diff(closest_sample_indices(POINTS, record).times, prepend=0.0)
+    late = np.diff(waypoint_passages(POINTS, record).times, prepend=0.0)
     late[2] += 0.25
     assert figures_of(record, POINTS, late).early == pytest.approx(0.25)
     assert figures_of(record).early == 0.0
@@ -97,10 +97,10 @@ def test_merged_waypoint_has_the_tolerance() -> None:
     assert figures_of(stops_at_each(), positions).waypoint < 1e-6
 
 
-def test_passages_are_exact_between_samples() -> None:
+def test_passage_between_two_samples_has_its_exact_time_and_distance() -> None:
     motion = go(LIMITS, POINTS[0], POINTS[1])
     times = np.linspace(0.0213, motion.duration - 0.0211, 37)
-    passed = closest_sample_indices(
+    passed = waypoint_passages(
         np.array([motion.at(time)[0] for time in times]), stops_at_each(POINTS[:2])
     )
     assert passed.distances.max() < 1e-6

@@ -323,7 +323,7 @@ Fend
 
 
 @pytest.mark.slow
-def test_run_setup_option_replaces_the_robot_manager(tmp_path: Path) -> None:
+def test_run_executes_the_setup_statements_before_the_program(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(HOMES)
     (tmp_path / 'robot.pts').write_text('sVersion="2.0.0"\nnNumberOfPoints=0\n')
     setup = 'HomeSet 0, 0, 0, 0; TLSet 1, XY(0, 0, 50, 0)'

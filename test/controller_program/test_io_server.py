@@ -253,7 +253,7 @@ def test_remote_outputs_of_rc_plus_are_read_only() -> None:
 
 @pytest.mark.parametrize('state', ['estopon', 'safetyon'])
 def test_outputs_are_written_in_an_estop_and_with_an_open_door(state: str) -> None:
-    """The manual demands Forced for it (p560, p567), and the interpreter does."""
+    """SPEL+ reference, p. 560, p. 567: it needs Forced. The interpreter checks that."""
     harness = RobotHarness()
     client = harness.client(IO_PORT)
     harness.robot.states[state] = -1

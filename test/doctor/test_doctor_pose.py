@@ -20,7 +20,10 @@ HERE = np.array([0.3, -0.4, 0.5, 0.2, -0.6, 0.1])
 
 
 class Arm:
-    """A state port of a scripted arm. `moves`: the joint and step of each jog."""
+    """A scripted arm with a state port, and the user who jogs its joints one after another.
+
+    moves: by number of the jog, the joint that moves and its step, or None for a skipped jog.
+    """
 
     def __init__(self, moves=None, typed=''):
         self.joints = HERE.copy()

@@ -6,7 +6,7 @@ import asyncio
 
 import numpy as np
 import pytest
-from support.driver_harness import cell, pose, smooth_on_the_spot
+from support.driver_harness import cell, pose, smooth_in_process
 from support.event_loop import now, until
 
 from epson_driver.driver.goal.goal_states import GoalState
@@ -19,7 +19,7 @@ AHEAD_S = 0.8
 
 @pytest.mark.parametrize('options', [{}, {'smoothing': Smoothing(0.1)}])
 async def test_goal_starts_at_its_stamp(options, monkeypatch):
-    smooth_on_the_spot(monkeypatch)
+    smooth_in_process(monkeypatch)
     async with cell(**options) as (harness, _):
         start, before = now(), harness.at
         goal = harness.submit(pose(0.3), ahead=2.0)

@@ -15,7 +15,7 @@ from support.driver_harness import (
     HOME,
     LIMITS,
     pose,
-    smooth_on_the_spot,
+    smooth_in_process,
 )
 from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
@@ -241,7 +241,7 @@ async def test_inv10_pause_skips_no_point_of_a_path_to_and_fro(
     name, share, smoothing, max_turns, at, monkeypatch
 ):
     """The goal pauses in motion and again, where the rest is replanned, during planning."""
-    smooth_on_the_spot(monkeypatch, delay=0.2)
+    smooth_in_process(monkeypatch, delay=0.2)
     plan = to_and_fro(4, share)
     async with robot(name, smoothing) as (harness, controller):
         speedometer = Speedometer(controller)
@@ -273,7 +273,7 @@ async def test_inv10_pause_skips_no_point_of_a_path_to_and_fro(
 @pytest.mark.parametrize(('name', 'slow'), [('fanuc', 0.01), ('spel', 0.009)])
 async def test_inv10_accepted_plan_resumes_in_its_slow_part(name, slow, monkeypatch):
     """The rest alone would be refused as slower than the controller can move."""
-    smooth_on_the_spot(monkeypatch)
+    smooth_in_process(monkeypatch)
     path = np.array([0.0, 0.3, 0.33])
     times = np.append(0.0, np.cumsum(np.diff(path) / (np.array((0.2, slow)) * LIMITS.velocity[0])))
     plan = Trajectory(LIMITS.names, times, np.array([pose(position) for position in path]))

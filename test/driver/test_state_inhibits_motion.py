@@ -141,8 +141,8 @@ async def test_inv6_goal_is_refused_if_the_pose_is_old():
     ('timeout', 'age', 'starts'),
     [(1.0, 0.28, True), (1.0, 0.32, False), (0.1, 0.08, True), (0.1, 0.12, False)],
 )
-async def test_inv6_goal_starts_only_on_a_pose_younger_than_the_timeout(timeout, age, starts):
-    """Joints stop, and STATUS continues."""
+async def test_inv6_goal_starts_only_if_the_last_joints_are_recent(timeout, age, starts):
+    """The controller sends STATUS and no more joints."""
     async with scripted_cell(state_timeout=timeout) as (harness, scripted):
         scripted.shows_joints = False
         await more_statuses(harness, 1)
@@ -151,7 +151,7 @@ async def test_inv6_goal_starts_only_on_a_pose_younger_than_the_timeout(timeout,
         harness.submit(pose(0.5))
         await until(lambda: harness.gate is not None)
         assert bool(scripted.received) is starts
-        # a running goal ends 1 s after the last joints
+        # the gate closes 1 s after the last joints, also during a goal
         assert now() - last.time == pytest.approx(1.0, abs=0.001)
 
 

@@ -83,7 +83,7 @@ def check_refused(act: Callable[[Path], object], path: Path) -> bool:
 
 def _socket(path: Path) -> None:
     before = Path.cwd()
-    os.chdir(path.parent)  # an address has at most 108 bytes
+    os.chdir(path.parent)  # a Unix socket's address has at most 108 bytes
     try:
         with socket.socket(socket.AF_UNIX) as bound:
             bound.bind(path.name)
@@ -166,7 +166,7 @@ def _page(data: str) -> bytes:
 
 
 def wrong_types(valid: bytes) -> Iterator[bytes]:
-    """Yield the file with each of its values replaced, at most 60 of them, by any type."""
+    """Yield copies of the file, each with one of up to 60 values replaced by one of VALUES."""
     text = '' if b'\0' in valid else valid.decode('latin-1')
     result = list(re.finditer(r'(?<=[:=])( ?"[^"\n]*"| ?-?[\w.]+| ?\[[^\]\n]*\])(?=[,}\n])', text))
     for item in result[:: len(result) // 60 + 1]:

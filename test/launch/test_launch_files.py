@@ -77,7 +77,7 @@ def test_simulated_time_reaches_every_node(path: Path) -> None:
 
 
 @EACH_FILE
-def test_genuine_launch_executes_the_file(path: Path) -> None:
+def test_ros_launch_executes_the_file_without_an_error(path: Path) -> None:
     pytest.importorskip('launch_ros', reason='launch is not installed: a ROS machine has it')
     context = pytest.importorskip('launch').LaunchContext()
     for entity in runpy.run_path(str(path))['generate_launch_description']().entities:

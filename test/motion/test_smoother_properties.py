@@ -30,11 +30,11 @@ KINDS = ('smooth', 'dense', 'repeated', 'tiny', 'reversing', 'sparse', 'at limit
 
 @dataclass(frozen=True)
 class Scenario:
-    """A stream of points with events.
+    """A stream of points, and events during it.
 
-    pieces: (kind, number of points) of the path. pace: duration of a segment as a multiple of that
-    at full speed, or None. burst, pause: points per burst, and steps between. events: (step,
-    event, number).
+    pieces: kind and number of points of each part of the path. pace: duration of a segment as a
+    multiple of the duration at full speed, or None for points without durations. burst: points
+    added together. pause: steps between two bursts. events: step, event and its number.
     """
 
     seed: int

@@ -17,8 +17,10 @@ from epson_driver.node.node import ClientNode
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.setup.table import TABLE, joint_rows
 
-OF_TRACES = ('trace_file', 'trace_size')  # a file name would create a file
-ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1')) if row.name not in OF_TRACES}
+TRACE_PARAMETERS = ('trace_file', 'trace_size')  # a file name would create a file
+ROWS = {
+    row.name: row for row in (*TABLE, *joint_rows('joint_1')) if row.name not in TRACE_PARAMETERS
+}
 
 ODD = (
     "''",

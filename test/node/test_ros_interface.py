@@ -38,7 +38,7 @@ from epson_driver.trace.trace import MEGABYTE
 DOCS = Path(__file__).parents[2] / 'docs'
 PAGE = (DOCS / 'ros_interface.md').read_text(encoding='utf-8')
 NODE = '/epson_driver'
-OF_EVERY_NODE = ('/rosout', '/parameter_events', '/get_type_description')
+NODE_DEFAULTS = ('/rosout', '/parameter_events', '/get_type_description')
 CHANGEABLE = [row.name for row in (*TABLE, *joint_rows('joint_1')) if row.now]
 
 
@@ -93,7 +93,7 @@ def offered(pairs):
     """Return a node's names and types, except standard ones."""
     types_by_name = {}
     for name, types in pairs:
-        if '/_action/' in name or '_parameter' in name or name.endswith(OF_EVERY_NODE):
+        if '/_action/' in name or '_parameter' in name or name.endswith(NODE_DEFAULTS):
             continue
         types_by_name[name] = types[0]
     return types_by_name

@@ -376,7 +376,7 @@ def test_real_robot_requires_allow_motion(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.invariant(3, 4)
 def test_panel_works_with_the_spel_program(tmp_path: Path) -> None:
-    """Its E-stop aborts the program. The restarted program sends the later states."""
+    """The E-stop aborts the SPEL+ program. The restarted program sends the later states."""
     cell = cell_with(tmp_path, 'spel')
     try:
         cell.ready()

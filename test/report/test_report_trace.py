@@ -267,7 +267,7 @@ def test_pauses_of_the_controller_do_not_raise_velocities(tmp_path, seed):
 @pytest.mark.invariant(8)
 @pytest.mark.parametrize('seed', [0, 2, 4])
 def test_delayed_joint_states_in_bursts_show_no_jump(tmp_path, seed):
-    """With arrival times as sending times, an arm at 1 rad/s would have 500 rad/s."""
+    """If arrival times counted as sending times, 1 rad/s would be reported as 500 rad/s."""
     chance = np.random.default_rng(seed)
     recorder = Recorder()
     recorder.connect(0.0, 11002)

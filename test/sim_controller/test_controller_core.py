@@ -47,7 +47,7 @@ def assert_stays(harness, seconds=1.0):
     assert not harness.controller.in_motion
 
 
-def test_boot_at_the_given_position_with_motors_off():
+def test_controller_boots_at_the_given_position_with_motors_off():
     harness = Harness(start=THERE, motors=False, connect=False)
     status = harness.controller.status()
     assert (status.drives_powered, status.e_stopped, status.error_code, status.in_error) == (

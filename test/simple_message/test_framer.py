@@ -366,8 +366,8 @@ def test_one_byte_at_a_time() -> None:
     assert at_once(PacketFramer(), chunks) == in_two_steps([stream], None)
 
 
-def test_body_of_another_length_has_its_own_layout() -> None:
-    """The same header has the lengths of float32, float64 and neither."""
+def test_body_length_selects_float32_or_float64_for_the_same_header() -> None:
+    """A body of any other length is an error."""
     framer = PacketFramer()
     for _ in range(2):
         for dialect in DIALECTS[:2]:

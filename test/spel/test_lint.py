@@ -225,7 +225,7 @@ Fend
 
 
 @pytest.mark.parametrize('version', [6, 7, 8])
-def test_valid_program_has_no_problems_on_every_version(version: int) -> None:
+def test_valid_program_has_no_lint_problem_in_any_version(version: int) -> None:
     build(files(GOOD))
     assert found(GOOD, version) == []
 

@@ -23,7 +23,7 @@ def at(*degrees):
 
 
 def line(count, first=0, step=2.0, comm_type=REQUEST, seconds=0.3):
-    """Return points along joint 1 with consecutive sequences."""
+    """Return points that move joint 1 by `step` degrees each, with consecutive sequences."""
     return [
         point(first + number, at(step * (number + 1)), 0.0, seconds, comm_type)
         for number in range(count)

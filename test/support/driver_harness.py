@@ -194,8 +194,8 @@ def plan_in_real_time(patch):
     patch.setattr(smoothing, 'TIMEOUT_S', 600.0)
 
 
-def smooth_on_the_spot(patch, delay=0.0):
-    """Prepare motions without a process, after `delay` s."""
+def smooth_in_process(patch, delay=0.0):
+    """Smooth goals in this process instead of a worker process, and take `delay` s for it."""
 
     async def prepared(process, trajectory, start):
         await asyncio.sleep(delay)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion port of the built-in program, in several profiles, and of the SPEL+ program."""
+"""One interface for tests of the motion port, in the built-in program and the SPEL+ program."""
 
 import struct
 from dataclasses import replace

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver NAME …` with long internal timeouts of client and panel.
+"""Run `epson_driver NAME …` with longer internal timeouts in the client and the panel.
 
 On a busy machine, the driver must not report a slow controller. `cell.Cell` sets the timeouts that
-are parameters, this module the others. Tests of a timeout use a manual clock (test/client) or
-set its duration.
+are parameters, and this module sets the others. Tests of a timeout use virtual time (test/driver)
+or set the duration of the timeout.
 """
 
 import sys

@@ -416,7 +416,7 @@ class RobotHarness:
 
 @contextmanager
 def executed_lines() -> Iterator[dict[str, dict[int, bool]]]:
-    """Collect by file and line whether the machines of this context have executed it."""
+    """Yield a dict, filled at the end: by file and line, whether a machine has executed it."""
     global _machines
     _machines = []
     result: dict[str, dict[int, bool]] = {}

@@ -29,7 +29,7 @@ LATCHED = {
     '/tf_static',
 }
 ROWS = {row.name: row for row in (*TABLE, *(row for name in JOINTS for row in joint_rows(name)))}
-OF_EVERY_NODE = {'use_sim_time', 'start_type_description_service'}
+NODE_DEFAULTS = {'use_sim_time', 'start_type_description_service'}
 
 
 def test_every_topic_is_compatible_with_default_and_sensor_subscribers(
@@ -56,7 +56,7 @@ def test_parameters_are_listed_described_and_set_by_services(shared_cell: Cell) 
     client = AsyncParameterClient(peer.node, NODE)
     assert client.wait_for_services(PATIENCE)
     names = set(peer.complete(client.list_parameters()).result.names)
-    assert names == set(ROWS) | OF_EVERY_NODE
+    assert names == set(ROWS) | NODE_DEFAULTS
     for descriptor in peer.complete(client.describe_parameters([*ROWS])).descriptors:
         row = ROWS[descriptor.name]
         assert (descriptor.description, descriptor.read_only) == (row.description, not row.now)

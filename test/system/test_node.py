@@ -30,8 +30,8 @@ PLAIN = ('--motion=ptp', '--state-period=0.02')
 
 
 @pytest.mark.quick
-def test_joint_states_and_status_have_rates_and_fields(shared_cell: Cell) -> None:
-    """Thesis requirement 1: joint_states at 1 Hz at least. Every state message is published."""
+def test_joint_states_exceed_1_hz_and_robot_status_has_its_fields(shared_cell: Cell) -> None:
+    """Thesis requirement 1: joint_states at 1 Hz at least, here for every state message."""
     peer = shared_cell.peer
     seen = len(peer.joint_states)
     statuses = len(peer.robot_status)
@@ -139,7 +139,7 @@ def test_invalid_parameter_is_rejected_with_its_name(setting: str, words: tuple[
     assert 'Traceback' not in run.stderr
 
 
-OF_TRACES = ('trace_file',)  # a file name would create a file
+TRACE_PARAMETERS = ('trace_file',)  # a file name would create a file
 
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1'))}
 
@@ -217,7 +217,7 @@ def test_inv7_odd_parameter_value_is_rejected_and_the_node_continues(make_cell: 
     cell = make_cell().ready()
     values = Values(cell)
     for name in values.names():
-        if name in OF_TRACES:
+        if name in TRACE_PARAMETERS:
             continue
         before = values.get(name)
         row = ROWS.get(name)

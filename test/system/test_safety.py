@@ -30,7 +30,7 @@ def long_motion() -> Any:
 
 @pytest.fixture(scope='module', params=PROGRAMS)
 def cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One cell for all tests, each of which leaves driver and controller working."""
+    """Yield a cell, one per program. Every test leaves its driver and controller working."""
     one = cell_with(tmp_path_factory.mktemp('cell'), request.param)
     try:
         yield one.ready()

@@ -260,7 +260,7 @@ async def test_inv7_long_download_queues_a_bounded_number_of_bytes():
 # ---- Motoman
 
 
-async def test_motoman_receives_its_mode_and_full_points():
+async def test_motoman_receives_start_traj_mode_and_then_full_points():
     async with cell_of('motoman') as (harness, _, received):
         goal = dense()
         outcome = await harness.execute(goal).end()

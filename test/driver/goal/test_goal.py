@@ -182,7 +182,7 @@ def test_later_first_point_is_rejected_if_unreachable_in_its_time():
         ((0.0, 0.0, 9000.0), False),  # too much as degrees, too
     ],
 )
-def test_angles_in_degrees_are_reported_once(angles, seen):
+def test_hint_about_degrees_is_given_once_and_only_if_plausible(angles, seen):
     with pytest.raises(GoalRejectedError) as caught:
         checked(point(0, (0, 0, 0)), point(90, angles), point(180, angles))
     text = str(caught.value)

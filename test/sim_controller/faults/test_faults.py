@@ -49,7 +49,7 @@ def test_frozen_encoder_ends_after_its_time(harness):
     assert harness.faults.active() == []
 
 
-def test_frozen_encoder_of_several_or_all_joints(harness):
+def test_several_frozen_encoder_faults_freeze_all_their_joints(harness):
     harness.start('frozen_encoder 1')
     harness.start('frozen_encoder 6 after=1')
     assert harness.actions.frozen == {0}

@@ -178,7 +178,7 @@ def test_reset_sets_safe_values() -> None:
     assert (harness.points.read(AO, 1), harness.points.read(FLAG, 9)) == (0, 0)
 
 
-def test_reset_of_a_missing_point_is_an_error(client: Client) -> None:
+def test_reset_of_unsupported_types_returns_1001_and_of_inputs_1002(client: Client) -> None:
     assert client.ask(RESET, 4, 4, -1, 0, 8, -1, AI, -1, GO, -1) == (
         4, 4, -1, 0, 1001, 8, -1, 1001, AI, -1, 1002, GO, -1, 1,
     )  # fmt: skip

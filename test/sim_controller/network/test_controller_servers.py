@@ -41,7 +41,7 @@ class Served:
 
 
 def on_sockets(test, real_time=False):
-    """Run a coroutine function with `served` in the event loop of tests.
+    """Decorate a coroutine test: run it with running servers in the event loop of tests.
 
     real_time: for tests that depend on timers of the operating system.
     """

@@ -234,7 +234,7 @@ def test_abb_skips_a_first_point_at_the_current_position():
     assert harness.events[3:] == ['began', 0, 1]  # not near
 
 
-def test_only_a_first_point_is_skipped():
+def test_later_points_are_not_skipped_nor_any_without_skip_first():
     harness = ProgramHarness('abb')
     harness.send(point(-1, THERE, TOPIC), point(1, THERE, TOPIC), point(-3, THERE, TOPIC))
     harness.rest()

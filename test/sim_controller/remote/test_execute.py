@@ -213,7 +213,7 @@ def test_several_statements_are_one_command(remote):
     assert result == ['#Execute,"7"']
 
 
-def test_only_commands_of_the_guide_are_accepted_in_motion(remote):
+def test_commands_not_allowed_in_motion_return_error_21(remote):
     remote.connection.receive(b'$Execute,"Go Here +Z(50)"\r\n')
     assert remote('Execute,"Print 1"') == '!Execute,21'
     assert remote('GetIO,1') == '!GetIO,21'

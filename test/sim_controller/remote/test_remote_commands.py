@@ -309,10 +309,10 @@ def test_commands_of_the_python_package_epsonrc(remote):
     assert remote.controller.arm.executor.speed == pytest.approx(0.25)
     assert remote.controller.arm.executor.accel == pytest.approx(0.6)
     assert remote.controller.condition.power is Power.LOW
-    assert remote('Execute,"If Error On Then Reset"') == '!Execute,12'  # p937
+    assert remote('Execute,"If Error On Then Reset"') == '!Execute,12'  # SPEL+ reference, p. 937
 
 
-def test_status_flags_in_motion_and_with_an_error():
+def test_get_status_shows_motion_and_after_a_wrong_point_the_error():
     remote = moving()
     assert remote('GetStatus') == '#GetStatus,00100000010,0000'
     remote.harness.send(point(9))

@@ -94,7 +94,7 @@ def test_inv7_too_long_line_closes_the_connection(remote):
     assert remote.answers(b'\n$GetStatus\n') == []
 
 
-def test_unprintable_bytes_are_answered_as_question_marks(remote):
+def test_reply_replaces_unprintable_and_non_ascii_bytes(remote):
     assert remote.answers(b'$\x00\x1b[2J\xff,\n') == ['!??[2J\N{REPLACEMENT CHARACTER},11']
 
 

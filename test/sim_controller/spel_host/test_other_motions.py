@@ -58,7 +58,7 @@ def test_inv2_arc3_passes_its_point_on_a_circle(caplog):
 
 @pytest.mark.invariant(2)
 def test_inv2_arc_is_circular_in_the_plane_with_linear_height(caplog):
-    """P106: the height of the intermediate point is ignored."""
+    """SPEL+ reference, p. 106: the height of the intermediate point is ignored."""
     harness = run_main(
         caplog,
         '  SpeedS 200; AccelS 1000; P1 = Here\n  Arc P1 +X(40) +Y(40) +Z(90), P1 +X(80) +Z(20)',
@@ -100,7 +100,7 @@ def test_step_in_a_local_follows_its_axes(caplog):
     ],
 )
 def test_point_is_reached_in_its_posture(caplog, statement, shown):
-    """P592: an unspecified posture is the default. LJM selects the nearest."""
+    """SPEL+ reference, p. 592: an omitted flag is the default. LJM selects the nearest posture."""
     harness = run_main(caplog, f'  P1 = Here\n  Go P1 +Z(10)\n  {statement}\n  Print Here')
     assert harness.printed[0].endswith(shown)
 
@@ -221,7 +221,7 @@ def numbered(model, seed):
 @pytest.mark.parametrize('number', [1, 2, 3, 4])
 @pytest.mark.parametrize('seed', range(5))
 def test_ljm_of_six_axes_moves_one_joint_the_least(number, seed):
-    """P508: mode 2 keeps the wrist. Modes 1, 3 and 4 move joints 4, 5 and 6 least."""
+    """SPEL+ reference, p. 508: 2 keeps the wrist. 1, 3 and 4 move joints 4, 5 and 6 least."""
     model = load_robot_model('c4_a601s')
     points, place, near = numbered(model, seed)
     kept = {'r', 'l', 'a', 'b'} & {*points.place(near).flags}
@@ -355,7 +355,7 @@ def test_pass_moves_near_its_points_without_a_stop(caplog, motions):
 
 
 def test_next_motion_starts_at_the_end_of_pass(caplog):
-    """P604: a stop without Fine positioning. The next statements run before the end."""
+    """SPEL+ reference, p. 604: the program continues before Pass ends, without Fine."""
     joints = ', '.join(f'PAgl(P2, {joint})' for joint in range(1, 7))
     harness = run_main(
         caplog,

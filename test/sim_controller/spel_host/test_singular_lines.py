@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines past a singularity of wrist or hand, as AvoidSingularity has them at first (p157)."""
+"""Lines past a singularity, with the initial AvoidSingularity (SPEL+ reference, p. 157)."""
 
 import logging
 

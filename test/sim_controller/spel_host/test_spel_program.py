@@ -423,7 +423,7 @@ def test_functions_of_the_robot(caplog):
     assert harness.printed == ['10 0 0', '1 0 1 -1 5 5 5', '-1 0', '20 0']
 
 
-def test_inputs_outputs_and_memory_belong_to_the_controller(caplog):
+def test_program_reads_inputs_and_sets_outputs_of_the_controller(caplog):
     source = """
     Function main
       Wait Sw(3) = On

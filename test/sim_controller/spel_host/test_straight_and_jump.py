@@ -262,7 +262,7 @@ def jump_profile(caplog, more, power=HIGH):
     ],
 )
 def test_inv2_jump_rounds_the_corners_of_its_arch(caplog, more, power, rise, fall):
-    """P110: the arch heights are where the crossing starts and ends."""
+    """SPEL+ reference, p. 110: the arch heights are where the crossing starts and ends."""
     heights, sideways = jump_profile(caplog, more, power)
     across = np.any(np.abs(sideways - sideways[0]) > 1e-9, axis=1)
     arrived = np.all(np.abs(sideways - sideways[-1]) < 1e-9, axis=1)
@@ -314,7 +314,7 @@ def distances_from_line(places, begin, end):
      ('C4', 60.83, 70.0)],
 )  # fmt: skip
 def test_inv2_jump3_rounds_the_corners_of_its_arch(caplog, statement, more, rise, fall):
-    """P477: the path leaves and joins the lines at the distances of the arch."""
+    """SPEL+ reference, p. 477: the path leaves and joins the lines at the arch's distances."""
     harness, places = jump3_path(caplog, statement, more)
     assert harness.printed[1] == '-1'
     harness.assert_within_limits()
@@ -345,7 +345,7 @@ def crossing_and_height(caplog, statement, power):
 
 @pytest.mark.parametrize('statement', one_in(3, ['Jump', 'Jump3', 'Jump3CP']))
 def test_arch_at_low_power_is_lower(caplog, statement):
-    """P474, p479: "When speed is lower, the trajectory will be lower"."""
+    """SPEL+ reference, p. 474, p. 479: "When speed is lower, the trajectory will be lower"."""
     fast, slow = (crossing_and_height(caplog, statement, power) for power in (HIGH, ''))
     for fraction in (0.05, 0.15, 0.85, 0.95):
         assert np.interp(fraction, *slow) < np.interp(fraction, *fast) - 5.0
@@ -432,7 +432,7 @@ def test_jump_with_an_arch_continues_after_a_pause(caplog):
     [(-10, 4005, 'the arm, at -10, is above'), (-40, 4006, 'the target, at -10, is above')],
 )
 def test_jump_below_limz_is_refused(caplog, go, number, text):
-    """P474."""
+    """SPEL+ reference, p. 474."""
     source = f'Function main\n  Motor On\n  Go XY(100, 180, {go}, 0)\n  LimZ -20\n'
     source += '  Jump XY(150, 150, -10, 0)\nFend\n'
     harness = SpelProgramHarness(source, caplog, model=SCARA)
