@@ -117,7 +117,7 @@ def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits)
     """Return the figures of a motion with velocities and accelerations, equally spaced.
 
     `command`: the plan, which may command rests between start and end, or None to ignore its
-    times. Raises ValueError for a motion without velocities or accelerations.
+    times. Raises ValueError if the motion has no velocities or accelerations.
     """
     if motion.velocities is None or motion.accelerations is None:
         raise ValueError('the motion has no velocities or no accelerations')

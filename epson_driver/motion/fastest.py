@@ -29,9 +29,12 @@ MAX_PARTS = 10
 MIN_WAY_S = 2e-3
 """Minimum initial duration of an interval, s."""
 
-BEND_RATIO, MIN_BEND = 1.5, 0.002
-"""Maximum distance of the motion from the straight segment between two waypoints, in any joint: as
-a ratio to the spline's distance, and at least in rad (or m)."""
+BEND_RATIO = 1.5
+"""Maximum distance of the motion from the straight segment between two waypoints, in any joint, as
+a ratio to the spline's distance."""
+
+MIN_BEND = 0.002
+"""Lower bound of this maximum distance, rad (or m)."""
 
 NEIGHBOUR_SHARE = 0.25
 """Maximum distance from a waypoint as a share of the distance to its neighbours, whatever the

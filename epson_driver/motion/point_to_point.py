@@ -112,7 +112,10 @@ class LineMotion:
 
     @property
     def pieces(self) -> Pieces:
-        """Distance along the line in pieces of constant jerk. Raises ValueError for no move."""
+        """The distance along the line, in pieces of constant jerk.
+
+        Raises ValueError if the move has no length.
+        """
         if self._trajectory is None:
             raise ValueError('a move of no length has no pieces')
         profile = self._trajectory.profiles[0][0]

@@ -25,11 +25,13 @@ STIFFNESS = 1e3
 """Weight of the acceleration relative to the distances: noise over about 20 points is removed."""
 
 HELD = 1e12
-"""Weight of fixed points."""
+"""Weight of points that must not move, and maximum of all weights."""
 
 MAX_ROUNDS = 40
+"""Maximum number of increases of the weights."""
+
 MIN_GROWTH_RATIO = 1.2
-"""Maximum number of increases of the weights, and the minimum ratio of each, squared."""
+"""Square root of the minimum factor of each increase."""
 
 
 def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
@@ -47,7 +49,7 @@ def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> T
 
     They are close enough that the smoother's motion is within it, too, in each joint. The ends,
     and points that command a rest, are unchanged. The joints are in the order of the limits.
-    Raises ValueError for a tolerance below MIN_TOLERANCE.
+    Raises ValueError if the tolerance is below MIN_TOLERANCE.
     """
     if not tolerance >= MIN_TOLERANCE:  # NaN too
         raise ValueError(f'the tolerance {tolerance} rad must be {MIN_TOLERANCE:g} or more')

@@ -36,9 +36,14 @@ LEAST_SHARE = 0.02
 FIRST_JERK_SHARE = 0.9
 """Maximum initial jerk, as a share of the limit."""
 
-GAP, ROW_TOLERANCE, STATE_TOLERANCE = 1e-2, 2e-3, 1e-2
-"""Convergence tolerances: the relative time that could still be gained, the excess of a row, and
-the defect of a state, as the share of the jerk limit that corrects it."""
+GAP = 1e-2
+"""Convergence tolerance of the relative time that could still be gained."""
+
+ROW_TOLERANCE = 2e-3
+"""Convergence tolerance of the excess of a row."""
+
+STATE_TOLERANCE = 1e-2
+"""Convergence tolerance of the defect of a state: the share of the jerk limit that corrects it."""
 
 MAX_CHANGE = 0.3
 """Maximum relative change of a duration in one step."""
@@ -55,7 +60,7 @@ BORDER = 1e-6
 
 _EPSILON = 1e-6
 _FREE = 1e3
-"""Width of an inactive row."""
+"""Width of the range of an inactive row, so that the row limits nothing."""
 
 _OWN = 7
 """Number of columns for the states at both knots and h. The places on the chord and the jerks
@@ -415,5 +420,5 @@ def _longest(values: Array, changes: Array) -> float:
 
 
 def _turned(matrices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the matrices transposed."""
+    """Return each matrix transposed."""
     return matrices.swapaxes(-1, -2)

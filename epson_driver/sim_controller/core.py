@@ -89,7 +89,7 @@ class Clients(Protocol):
     """The interface of the core to the clients of the ports."""
 
     def connect(self, port: str, client: Client) -> Session:
-        """Start to serve a client. Raises ConnectionRefusedError with the reason."""
+        """Start to serve a client. Raises ConnectionRefusedError if it is refused."""
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
@@ -118,7 +118,7 @@ class Controller:
 
     `start` is the initial arm position, shape (n,), rad. `planner` plans smooth motion (None:
     unsupported). The state port sends every `state_period` s. `seed` is the seed of the faults.
-    `timing` counts missed deadlines. Raises ValueError for a start outside the limits.
+    `timing` counts missed deadlines. Raises ValueError if the start is outside the limits.
     """
 
     arm: SimulatedArm
@@ -178,7 +178,7 @@ class Controller:
     def apply(self, event: Event) -> None:
         """Apply an event to the controller.
 
-        Raises RejectedError with the reason and the remedy.
+        Raises RejectedError, with the reason and the remedy, if the event is not allowed now.
         """
         before = self.condition
         off = before.motors is Motors.OFF

@@ -161,7 +161,7 @@ class Window(Program, Protocol):
     def execute(self, text: str, answer: Answer) -> None:
         """Start a command, and call `answer` when it is over, possibly immediately.
 
-        Raises ProgramError for an invalid command, RuntimeError if one is executing.
+        Raises ProgramError if the command is invalid, RuntimeError if one is executing.
         """
 
     def abort_command(self, why: str) -> None:

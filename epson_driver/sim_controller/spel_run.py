@@ -58,7 +58,7 @@ class Console(Unattended):
         self._typed.append(line)
 
     def write(self, _caller: Caller, text: str) -> None:
-        """Print."""
+        """Print a text."""
         sys.stdout.write(text)
         sys.stdout.flush()
 

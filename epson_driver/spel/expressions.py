@@ -135,7 +135,7 @@ class Reader:
         return False
 
     def need(self, text: str) -> Token:
-        """Read this name or sign. Raises SyntaxProblem for another token."""
+        """Read this name or sign. Raises SyntaxProblem if the next token is another one."""
         if not self.sees(text):
             raise self.wrong('a comma' if text == ',' else text)
         return self.step()

@@ -179,7 +179,7 @@ FILE_STATEMENTS: dict[str, Callable[..., None]] = {
     'rmdir': lambda task, name: task.world.files.remove_folder(name),
     'chdir': _change_folder,
 }
-"""By name in lower case."""
+"""Name of the statement in lower case → function that executes it."""
 
 FILE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'freefile': _free,
@@ -190,4 +190,4 @@ FILE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'folderexists': lambda task, name: -task.world.files.has_folder(name),
     'curdir$': lambda task: str(PurePosixPath('/', task.world.files.current)),
 }
-"""By name in lower case."""
+"""Name of the function in lower case → its implementation."""

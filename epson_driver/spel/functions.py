@@ -115,7 +115,7 @@ def _rules() -> Iterator[FunctionRule]:
 
 
 FUNCTIONS = {rule.name.lower(): rule for rule in _rules()}
-"""By name in lower case."""
+"""Name of the function in lower case → its rule."""
 
 STUB_RESULTS = {
     name: kind

@@ -243,7 +243,7 @@ class _Lint:
 
     @cached_property
     def _whole(self) -> list[Any]:
-        """All declarations and functions' bodies."""
+        """All syntax nodes in the declarations and function bodies of the program."""
         return [
             node
             for file in self.program.files

@@ -209,7 +209,7 @@ POINT_STATEMENTS: dict[str, Callable[..., None]] = {
     'localclr': lambda task, number: task.world.locals.pop(nearest(number), None),
     **{name: _posture(name) for name in (*POSTURES, *ANGLES)},
 }
-"""By name in lower case."""
+"""Name of the statement in lower case → function that executes it."""
 
 POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'pnumber': lambda _task, number: number,
@@ -222,7 +222,7 @@ POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'localdef': lambda task, number: -(number in task.world.locals),
     **{name: _posture_of(name) for name in (*POSTURES, *ANGLES)},
 }
-"""By name in lower case."""
+"""Name of the function in lower case → its implementation."""
 
 
 _LIMITS = 6
@@ -230,7 +230,7 @@ _KINDS = ('box', 'plane')
 
 
 def _key(kind: str, number: float, robot: float | None = None) -> tuple[str, int]:
-    """Return the key of an area. Raises SpelError for an invalid number or robot."""
+    """Return the key of an area. Raises SpelError if the number or the robot is invalid."""
     if robot not in (None, 1):
         raise bad(kind.capitalize(), f'robot {robot:g}: must be robot 1')
     return kind, nearest(number)

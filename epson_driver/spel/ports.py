@@ -289,4 +289,4 @@ NET_STATEMENTS: dict[str, Callable[..., None]] = {
     'print': print_to,
     'input': input_from,
 }
-"""By name in lower case."""
+"""Name of the statement in lower case → function that executes it."""

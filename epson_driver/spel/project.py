@@ -237,7 +237,7 @@ def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
 
 
 def build(files: Mapping[str, str]) -> Program:
-    """Return the program of a project's files. Raises ProgramError with all problems."""
+    """Return the program of a project's files. Raises ProgramError if the files have problems."""
     problems: list[Problem] = []
     program = build_with(files, problems)
     if problems:

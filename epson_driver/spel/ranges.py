@@ -108,7 +108,7 @@ def outside(key: str, place: int, value: float) -> str:
 
 
 def refuse(name: str, key: str, place: int, value: float) -> None:
-    """Raise SpelError for a number out of its range."""
+    """Raise SpelError, because a number is out of its range."""
     wrong = f'{name}: {outside(key, place, value)}'
     if (limits(key, place) or _TASKS)[1] == _TASKS[1]:
         raise SpelError(ErrorNumber.TASK_NUMBER, wrong)

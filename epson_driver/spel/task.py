@@ -34,6 +34,8 @@ DEEPEST_CALL = 100
 """Maximum depth of calls in one task."""
 
 LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
+"""Ranges of task numbers. Normal tasks have 1 to LAST_NORMAL, background tasks FIRST_BACKGROUND to
+LAST_BACKGROUND, and trap tasks FIRST_TRAP or more."""
 FIRST_HELPER = 1000
 """Offset of the task number of !…! from the number of the task that moves the arm."""
 COMMAND_TASK = 0

@@ -51,7 +51,7 @@ TYPES: dict[str, Type] = {
     'double': Type(DOUBLE, blank=0.0),
     'string': Type(STRING, blank=''),
 }
-"""By name in lower case."""
+"""Name of the type in lower case → type."""
 
 _WORDS = {'ubyte': 'UByte', 'ushort': 'UShort', 'uint32': 'UInt32', 'uint64': 'UInt64'}
 
@@ -149,7 +149,7 @@ def single(value: float) -> float:
 
 
 def finite(value: float) -> float:
-    """Return a Double. Raises SpelError for an infinite value."""
+    """Return a Double. Raises SpelError if the value is not finite."""
     if value - value != 0.0:
         raise overflow('Double', value)
     return float(value)

@@ -130,7 +130,7 @@ class CurveMotion:
 def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotion:
     """Return a motion along a curve from rest to rest within `speed` and the limits.
 
-    Raises ValueError for a curve that leaves the position limits.
+    Raises ValueError if the curve leaves the position limits.
     """
     check_range(limits, curve.samples)
     v, a, j = kept(limits, curve, speed)

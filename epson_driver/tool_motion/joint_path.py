@@ -15,7 +15,7 @@ from epson_driver.tool_motion.pose_path import Run
 
 STEP_M = 0.001
 STEP_RAD = 0.01
-"""Sampling steps of a path."""
+"""Maximum distance and maximum angle between two samples of a path."""
 
 MIN_STEPS = 50
 """Minimum samples for each line, arc and blend."""
@@ -55,7 +55,7 @@ class JointPath:
     look: Look = lambda: None
 
     def where(self, index: int) -> str:
-        """Return the text for the place of a sample, as a clause."""
+        """Return a clause that describes the position of a sample on the path."""
         fraction = float(self.distances[index] / self.distances[-1])
         return _where(fraction, self.name, self.positions[index])
 

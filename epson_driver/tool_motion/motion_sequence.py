@@ -123,7 +123,7 @@ def _name(index: int, primitive: Primitive) -> str:
 def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
     """Yield the groups of motions that blend into each other, each with its first index.
 
-    Raises SequenceError for motions that cannot be blended.
+    Raises SequenceError if motions cannot be blended.
     """
     first = 0
     for index, primitive in enumerate(primitives):

@@ -68,7 +68,7 @@ def line(start: Array, end: Array) -> PosePath:
 def arc(start: Array, via: Array, end: Array) -> PosePath:
     """Return the part of a circle from a pose through a point, shape (3,), m, to another pose.
 
-    Raises ValueError for points that make no arc.
+    Raises ValueError if the points do not define an arc.
     """
     a, b, c = start[:3, 3], np.asarray(via, dtype=float), end[:3, 3]
     ab, ac = b - a, c - a

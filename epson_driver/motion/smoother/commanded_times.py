@@ -12,16 +12,23 @@ from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 UNBOUND_SPEED = 1e6
 """Speed without a commanded time: more than any joint limit allows."""
 
-SMOOTHED_S, LEAST_SHARE = 0.03, 0.9
-"""Maximum deviation from a knot's time for smoothing the commanded speeds, s, and the minimum
-smoothed speed as a share of the lowest commanded speed."""
+SMOOTHED_S = 0.03
+"""Maximum deviation from a knot's time caused by smoothing the commanded speeds, s."""
+
+LEAST_SHARE = 0.9
+"""Minimum smoothed speed as a share of the lowest commanded speed."""
 
 IN_TIME_S = 0.01
 """Delay that is not corrected, s, because the correction would make the motion uneven."""
 
-CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
-"""Ratio to the commanded speed for making up lost time, its maximum if the motion would otherwise
-be late at the trajectory's end, and the bisection steps that find this higher ratio."""
+CATCH_UP_RATIO = 1.25
+"""Usual ratio to the commanded speed for making up lost time."""
+
+MAX_CATCH_UP_RATIO = 6.0
+"""Maximum of this ratio if the motion would otherwise be late at the end of the trajectory."""
+
+CATCH_UP_BISECTIONS = 4
+"""Number of bisection steps that find this higher ratio."""
 
 LATE_END_SHARE = 0.02
 """Tolerated delay at the end, as a share of the remaining time."""

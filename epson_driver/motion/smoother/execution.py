@@ -51,7 +51,7 @@ class Execution:
 
     @property
     def motion(self) -> Motion:
-        """The motion now."""
+        """The present commanded position, velocity and acceleration."""
         if self.joint_motion is not None:
             return Motion(*self.joint_motion.at(self.now - self._joint_motion_begin))
         if self.plan is None:

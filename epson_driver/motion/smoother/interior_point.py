@@ -29,14 +29,14 @@ ACCEPTED_ROW_EXCESS = 2e-2
 """Tolerance of the rows after the last iteration."""
 
 SPEED_COST_EXPONENT = 8
-"""The exponent p."""
+"""Exponent p of the cost of a high speed (see above)."""
 
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
 """The search ends after more than MAX_SHORT_STEPS steps shorter than MIN_STEP_SHARE."""
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
-"""After MIN_ITERATIONS, each iteration must on average have reduced the rows' excess to this
-share."""
+"""After MIN_ITERATIONS iterations, the rows' excess must have decreased on average by the factor
+SLOWEST_RATE per iteration."""
 
 _UPPER = np.triu_indices(3)
 

@@ -27,8 +27,11 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 NODE_SPACING_S = 0.008
 """Time between the spline's nodes on the initial timing, s."""
 
-MAX_RAMP_TIME_S, SHORT_RAMP_TIME_S = 0.024, 0.008
-"""Longest ramp of constant jerk from or to rest, s, and the one to try if no timing is found."""
+MAX_RAMP_TIME_S = 0.024
+"""Longest ramp of constant jerk from or to rest, s."""
+
+SHORT_RAMP_TIME_S = 0.008
+"""Longest such ramp in the next attempt if no timing was found, s."""
 
 RAMP_VIEW = 3.0
 """Length of path at an end that is checked for a ramp, in multiples of the ramp's time."""

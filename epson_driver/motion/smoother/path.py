@@ -60,9 +60,11 @@ ONWARD_SHARE = 0.25
 A quintic that leaves a knot with a slope and comes back overshoots by 0.19 of slope · length.
 """
 
-LONG_SEGMENT, LONGER_RATIO = 1.5, 10.0
-"""Maximum expected length of the segment after the last known one, s at full speed, and its
-maximum ratio to the longest known segment."""
+LONG_SEGMENT = 1.5
+"""Maximum expected length of the segment after the last known one, s at full speed."""
+
+LONGER_RATIO = 10.0
+"""Maximum ratio of this expected length to the longest known segment."""
 
 _FREE, _LEVEL, _TURNING = 0, 1, 2
 """State of a joint at a knot: derivatives from the spline, slope of 0, or slope of 0 with the

@@ -80,7 +80,7 @@ URGENT_SHARE = 0.15
 """Additional effort for finding any plan when it is urgent, as a share of a plan's effort."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
-"""Names of the proposers."""
+"""Names of the algorithms that find a timing (`Plan.proposer`)."""
 
 BRANCH_SHARES = (0.15, 0.4, 0.75)
 """Candidate times for leaving the current plan, as shares of its duration."""

@@ -152,7 +152,7 @@ class Problem:
 
     @property
     def end(self) -> float:
-        """Position u of the rest."""
+        """Position u at which the motion comes to rest."""
         return self.path.end
 
     def usage(self, timing: TimeParametrisation) -> LimitUsage:

@@ -178,7 +178,7 @@ class Smoother:
 
     @property
     def motion(self) -> Motion:
-        """The motion now."""
+        """The present commanded position, velocity and acceleration."""
         return self._execution.motion
 
     @property
@@ -213,7 +213,7 @@ class Smoother:
 
     @property
     def points_ahead(self) -> int:
-        """Number of points ahead."""
+        """Number of points that the motion has not reached yet."""
         return len(self._waypoints.ahead)
 
     # Limits and planning.

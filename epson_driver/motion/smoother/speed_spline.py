@@ -25,24 +25,24 @@ _GAUSS = _GAUSS + 0.5
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Constant jerk from rest or to rest for some time, or zero if the arm already moves."""
+    """A ramp of constant jerk that starts or ends at rest. All zero if the arm already moves."""
 
     jerk: float
     time: float
 
     @property
     def length(self) -> float:
-        """Distance in u."""
+        """Length of the ramp in u."""
         return self.jerk * self.time**3 / 6.0
 
     @property
     def speed(self) -> float:
-        """u̇ at its faster end."""
+        """Speed u̇ at the faster end of the ramp."""
         return self.jerk * self.time**2 / 2.0
 
     @property
     def acceleration(self) -> float:
-        """Magnitude of ü there."""
+        """Magnitude of ü at the faster end of the ramp."""
         return self.jerk * self.time
 
 

@@ -14,7 +14,7 @@ from ruckig import Trajectory as RuckigTrajectory
 from epson_driver.motion.limits import Array
 
 State = tuple[float, float, float]
-"""u, its velocity, its acceleration."""
+"""Position u on the path, and its velocity and acceleration."""
 
 MIN_PIECE_S = 1e-9
 """Ruckig pieces shorter than this (s) are rounding."""
@@ -41,7 +41,7 @@ class TimeParametrisation:
 
     @property
     def end(self) -> float:
-        """Position u of the rest."""
+        """Position u at which the motion comes to rest."""
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:

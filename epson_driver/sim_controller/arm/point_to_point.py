@@ -81,7 +81,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brake:
-    """A stop since `begin`, s."""
+    """A stop that began at the time `begin`, s."""
 
     motion: Stop
     begin: float

@@ -146,7 +146,7 @@ def _on_links(text: str, *parameters: Parameter) -> Kind:
 def _on_messages(
     text: str, *parameters: Parameter, ports: tuple[str, ...], replies: bool = False
 ) -> Kind:
-    """Return a fault of messages."""
+    """Return a kind of fault that affects messages."""
     return Kind(text, (*parameters, SKIP, _for(), AFTER), DATA_PORTS, ports, replies)
 
 
@@ -262,7 +262,7 @@ _MAX_QUOTED_CHARACTERS = 40
 def parse(text: str) -> Fault:
     """Return the fault that a text names, with defaults for missing parameters.
 
-    Raises FaultError with the parameter, its value and the allowed range.
+    Raises FaultError if the fault, a parameter or its value is not valid.
     """
     name, *parts = [part for part in re.split(r'[\s,:]+', text.lower()) if part] or ['']
     if name not in FAULTS:

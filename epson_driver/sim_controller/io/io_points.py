@@ -123,7 +123,7 @@ class IoPoints:
     def read_port(self, io_type: IoType, port: int, width: int) -> int:
         """Return the bits of a port of DI, DO or FLAG from bit `width * port`, lowest first.
 
-        Raises IoError for a port without points.
+        Raises IoError if the port has no points.
         """
         values = self._values[io_type]
         bits = self._bits(io_type, port, width)
@@ -244,7 +244,7 @@ class IoPoints:
         return f'this controller has {name} {ranges}' if ranges else f'it has no {name}'
 
     def _bits(self, io_type: IoType, port: int, width: int) -> range:
-        """Return the points of a port. Raises IoError for a port without points."""
+        """Return the points of a port. Raises IoError if the port has no points."""
         count = len(self._values[io_type])
         if io_type not in _PORTS or not 0 <= port * width < count:
             text = f'{_KINDS[io_type].short} port {port} of {width} bits: there are {count} points'

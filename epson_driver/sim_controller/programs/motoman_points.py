@@ -190,5 +190,5 @@ class TrajectoryMode:
         return missing
 
     def end(self) -> None:
-        """Turn it off."""
+        """Turn the trajectory mode off."""
         self._on = False

@@ -38,7 +38,7 @@ LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
 """Maximum SpeedS and AccelS at low power: their defaults."""
 
 TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
-"""Initial SpeedR and AccelR, assumed."""
+"""Assumed initial values of SpeedR and AccelR."""
 
 
 class JointLeg:

@@ -249,4 +249,4 @@ MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'jtran': _one_joint,
     'ptran': _one_joint,
 }
-"""Statements that move this arm."""
+"""Name of a statement that moves this arm → function that returns the points of the motion."""

@@ -36,7 +36,7 @@ _LEFT_OPEN = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
 """Joints coupled to another one, with a point flag that defines their angle (p449, p455)."""
 
 _USUAL = ('j1f0', 'j2f0')
-"""Flags that are not shown."""
+"""Flags that are omitted when a point is shown, because they are the usual ones."""
 
 NEAREST = 'ljm'
 """Flag of a place for which the nearest posture is used, whichever it is."""
