@@ -199,14 +199,14 @@ def straight(
 
 
 def check_fractions(speed: float, accel: float) -> None:
-    """Raise ValueError for fractions that are not in (0, 1]."""
+    """Raise ValueError if a fraction is not in (0, 1]."""
     for name, value in (('speed', speed), ('accel', accel)):
         if not 0.0 < value <= 1.0:
             raise ValueError(f'{name} = {value}: must be in (0, 1]')
 
 
 def check_target(target: Array, limits: JointLimits) -> None:
-    """Raise ValueError for a target that is not n finite angles within the position limits."""
+    """Raise ValueError unless the target is n finite angles within the position limits."""
     _check_vector('target', target, limits)
     outside = (target < limits.position_min) | (target > limits.position_max)
     if outside.any():

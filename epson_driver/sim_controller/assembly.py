@@ -76,8 +76,8 @@ def new_controller(
     position within the limits. With a `planner` the arm moves smoothly, otherwise point to point.
     With `spel` a SPEL+ program runs instead of the built-in one, and the arm moves point to point.
     `dialect` and `state_period`, s, default to the profile's. `seed` is the seed of the faults.
-    Raises ValueError for a start outside the limits, and for a robot with more joints than fit in
-    a message.
+    Raises ValueError if the start is outside the limits, or if the robot has more joints than fit
+    in a message.
     """
     limits = model.limits
     if len(limits.names) > MAX_JOINTS:

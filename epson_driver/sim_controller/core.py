@@ -285,8 +285,8 @@ class Controller:
         """Push one joint (index from 0) by `push` rad or m, like a person leaning on the arm.
 
         Without power the arm stays where it is pushed. With power its servo pushes back, and a
-        push above `MAX_PUSH` is a position error. Raises RejectedError for a push beyond the
-        limits or while an arm without power still brakes.
+        push above `MAX_PUSH` is a position error. Raises RejectedError if the push exceeds the
+        limits, or if an arm without power still brakes.
         """
         pushed = self.servo.actual.copy()
         pushed[joint] += push

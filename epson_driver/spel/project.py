@@ -167,8 +167,8 @@ _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
     """Return the files with other values in their #define lines, or without them for ''.
 
-    A line disabled by a leading ' is enabled. Raises InputError for a name without such a line in
-    any file, and for a value of more than one line.
+    A line disabled by a leading ' is enabled. Raises InputError if no file has such a line for a
+    name, or if a value has more than one line.
     """
     left = dict(values)
     changed = {}
@@ -193,7 +193,7 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
 def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
     """Return the files with statements added in the line of Function main, after its name.
 
-    Raises InputError for statements of more than one line, or without a Function main.
+    Raises InputError if the statements have more than one line, or if no Function main exists.
     """
     if not statements.isprintable():
         raise InputError(f'{shown(statements)}: must be one line of statements, divided by ;')

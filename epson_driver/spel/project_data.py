@@ -69,7 +69,7 @@ def read_project(path: Path) -> dict[str, str]:
     """Return the texts of a project by file name: a folder, or one .prg with its neighbours.
 
     A .sprj, or a folder with one, returns the .sprj and its listed files if all programs exist.
-    Point files are those of robot 1, with its default first. Raises InputError for files that
+    Point files are those of robot 1, with its default first. Raises InputError if a file
     cannot be read.
     """
     folder = path if path.is_dir() else path.parent
@@ -210,7 +210,7 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
 
 
 def _points(block: Block) -> PointFile:
-    """Return the points. Raises RcFileError for an invalid number or one out of range."""
+    """Return the points. Raises RcFileError if a number is invalid or out of range."""
     points: dict[int, Point] = {}
     labels: dict[str, int] = {}
     spelling: dict[str, str] = {}

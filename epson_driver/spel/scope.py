@@ -137,7 +137,7 @@ class Scope:
 def check_size(
     name: str, type_name: str, scope: str, bounds: tuple[int, ...], at: Position
 ) -> None:
-    """Raise SyntaxProblem for an array larger than its scope allows."""
+    """Raise SyntaxProblem if an array is larger than its scope allows."""
     numbers, strings = LIMITS[scope]
     maximum = strings if TYPES[type_name].kind == 's' else numbers
     if size(bounds) > maximum:

@@ -556,7 +556,7 @@ class Task:
         return Caller(self.number, self.function, place.file, place.line)
 
     def may(self, name: str, words: tuple[str, ...] = ()) -> None:
-        """Raise SpelError for a statement that this type of task cannot execute."""
+        """Raise SpelError if this type of task cannot execute a statement."""
         rule = COMMANDS[name]
         if forbidden(rule, words, self.type):
             kind = self.type.name.lower().replace('_', ' ')

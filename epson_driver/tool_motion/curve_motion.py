@@ -163,7 +163,7 @@ def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array,
 
 
 def check_range(limits: JointLimits, positions: Array) -> None:
-    """Raise ValueError for positions, shape (k, n), out of a joint's range, with its name."""
+    """Raise ValueError, which names the joint, if positions, shape (k, n), exceed its range."""
     lowest, highest = np.min(positions, axis=0), np.max(positions, axis=0)
     outside = (lowest < limits.position_min) | (highest > limits.position_max)
     if np.any(outside):

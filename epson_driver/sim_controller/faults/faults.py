@@ -150,8 +150,8 @@ class Faults:
     def start(self, fault: Fault) -> None:
         """Start a fault, now or after its `after`.
 
-        Raises FaultError for a missing joint, if too many are active, or if no client could clear
-        it.
+        Raises FaultError if the arm lacks the joint, if too many faults are active, or if no
+        client could clear it.
         """
         if self._remote_only and REMOTE_PORT in fault.kind.ports:
             fault = on_ports(fault, (REMOTE_PORT,))
@@ -179,7 +179,7 @@ class Faults:
     def clear(self, name: str | None = None) -> int:
         """End the faults of a name, or all, and send delayed messages. Return their number.
 
-        A reboot continues. Raises FaultError for an unknown or inactive fault, or if it cannot be
+        A reboot continues. Raises FaultError if the fault is unknown, inactive or cannot be
         cleared.
         """
         if name is not None and name not in FAULTS:

@@ -77,7 +77,7 @@ class SpelProgram:
 
     `main` of `program` is started at boot and at each start by a person, BgMain at boot. A start
     by a person clears the global variables unless the program has a BgMain, which may share them.
-    Without a `terminal` the output is logged. Raises ProgramError for a program with statements
+    Without a `terminal` the output is logged. Raises ProgramError if the program has statements
     that are not simulated. `claim` is called before a motion. It acquires the arm, or raises
     SpelError. `starts`: a function that is started alone instead of main.
     """
