@@ -246,7 +246,7 @@ def store_condition(task: Task, name: str, test: Test) -> None:
 
 
 def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) -> None:
-    """Raise SpelError if an output is set without Forced at an E-stop or open door (p560, 567)."""
+    """Raise SpelError if an output is set without Forced at E-stop or open door (p560, p567)."""
     if memory is not Memory.OUTPUT or 'forced' in words:
         return
     host = task.world.host
