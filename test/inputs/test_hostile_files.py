@@ -25,7 +25,7 @@ from support.recorded_run import usual_run
 from epson_driver.bringup.params_file import node_sections
 from epson_driver.error_texts import load_error_texts, read_error_texts
 from epson_driver.first_run.book import DONE, Entry, FirstRunRecord, likeness, load
-from epson_driver.first_run.steps import Found
+from epson_driver.first_run.steps import StepResult
 from epson_driver.inputs import InputError, read_file, write_file
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
@@ -182,7 +182,7 @@ def _first_day(folder: Path) -> Path:
     facts: dict[str, object] = {'reply delay': 0.25, 'lateness': 0.5, 'rests at points': True}
     facts |= {'state.period': 0.005, 'io': {'digital_inputs': 24}, 'byte_order': 'little'}
     times = {'joint 1: point sent to motion seen': 0.75}
-    result = Found(facts, times, {'power': 'low'}, ['replies come late'])
+    result = StepResult(facts, times, {'power': 'low'}, ['replies come late'])
     FirstRunRecord(about, {'listen': Entry(DONE, 'now', result, 'why', 'AAAA')}).save(
         folder / 'day.html'
     )
