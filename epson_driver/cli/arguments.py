@@ -98,3 +98,14 @@ def _number(text: str) -> int | float:
     if math.isinf(number) and 'inf' not in text.lower():  # more digits than a number can have
         raise OverflowError
     return number
+
+
+def with_start_joined(arguments: Sequence[str]) -> list[str]:
+    """Make `--start -1.0,0.2` one word, because argparse would read an option."""
+    joined: list[str] = []
+    for word in arguments:
+        if joined and joined[-1] == '--start':
+            joined[-1] = f'--start={word}'
+        else:
+            joined.append(word)
+    return joined

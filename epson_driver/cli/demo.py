@@ -97,7 +97,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
-        help="the controller's motion: through all points, or resting at each (default: smooth)",
+        help='smooth: through all points without a stop, ptp: rest at each (default: smooth)',
     )
     parser.add_argument(
         '--compare',

@@ -205,7 +205,12 @@ def _parser() -> argparse.ArgumentParser:
         ),
         allow_abbrev=False,
     )
-    parser.add_argument('address', nargs='?', type=host, help="the controller's address")
+    parser.add_argument(
+        'address',
+        nargs='?',
+        type=host,
+        help='address of the controller (default: none, only ROS and this machine are checked)',
+    )
     parser.add_argument(
         '--controller',
         default='simulated',

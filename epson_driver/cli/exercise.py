@@ -5,6 +5,7 @@
 import argparse
 import shlex
 import shutil
+import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, help_texts
+from epson_driver.cli.arguments import argument, help_texts, with_start_joined
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.runner import CASES, NO_FAULT, Exercise, run_case
 from epson_driver.inputs import InputError, count, number, printable, write_file
@@ -33,7 +34,7 @@ COLOURS = {Verdict.FINISHED: 'green', Verdict.GAVE_UP: 'cyan'}
 def main() -> int:
     """Exercise a program. Returns 0 if it behaved in every case, 1 if not, 2 if it cannot run."""
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(with_start_joined(sys.argv[1:]))
     if arguments.list:
         for name, case in CASES.items():
             print(f'{name:18} {case.what}')

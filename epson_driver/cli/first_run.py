@@ -155,11 +155,11 @@ def _parser() -> argparse.ArgumentParser:
         prog='epson_driver first-run',
         **help_texts(
             'Check a real robot step by step on its first day: listen, compare, then move slowly. '
-            'Each step is explained and needs confirmation. Run it again to continue. Keep a hand '
-            'on the E-stop. No person may be in the cell.',
+            'Each step is explained and needs confirmation. Run the same command again to '
+            'continue. Keep a hand on the E-stop. No person may be in the cell.',
             (
                 'first-run 192.168.0.1 --controller rc700a --robot c4_a601s',
-                'first-run 192.168.0.1 --file cell_3.html',
+                'first-run 192.168.0.1 --controller spel --robot t6_602s --file cell_3.html',
             ),
             '0 all steps done, 1 some steps remain or failed, 2 invalid arguments, 130 Ctrl-C',
         ),

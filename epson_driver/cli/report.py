@@ -91,13 +91,17 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument(
-        'files', type=Path, nargs='+', metavar='FILE', help='trace, or folder of a bag'
+        'files',
+        type=Path,
+        nargs='+',
+        metavar='FILE',
+        help='trace (.pcap), or bag: its folder, .mcap or .db3 file',
     )
     parser.add_argument(
         '--output',
         type=page_path,
         metavar='FILE',
-        help='page, with a JSON file next to it (default: FILE-report.html)',
+        help='page, with a JSON file next to it (default: FILE-report.html in the current folder)',
     )
     parser.add_argument(
         '--compare', action='store_true', help='one page with two runs side by side'

@@ -10,7 +10,7 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from epson_driver.cli.arguments import (
     help_texts,
     host,
     if_in_use,
+    with_start_joined,
 )
 from epson_driver.first_run.book import likeness, load
 from epson_driver.inputs import InputError, count, number, shown
@@ -62,7 +63,7 @@ SEED = count(0, 2**63 - 1)
 def main() -> int:
     """Run until SIGINT or SIGTERM and return 0, or 1 if a port (or the planner) fails."""
     parser = _parser()
-    args = parser.parse_args(_with_start_joined(sys.argv[1:]))
+    args = parser.parse_args(with_start_joined(sys.argv[1:]))
     try:
         if args.profile_from is not None:
             alike = likeness(load(args.profile_from))
@@ -224,17 +225,6 @@ def _start(text: str, limits: JointLimits) -> Array:
     return clipped(start, limits)
 
 
-def _with_start_joined(arguments: Sequence[str]) -> list[str]:
-    """Make `--start -1.0,0.2` one word, because argparse would read an option."""
-    joined: list[str] = []
-    for word in arguments:
-        if joined and joined[-1] == '--start':
-            joined[-1] = f'--start={word}'
-        else:
-            joined.append(word)
-    return joined
-
-
 def _fault(text: str) -> Fault:
     try:
         return parse(text)
@@ -285,13 +275,14 @@ def _parser() -> argparse.ArgumentParser:
         '--profile-from',
         type=Path,
         metavar='FILE',
-        help='page of a first-run, to copy its model, profile, motion and delays',
+        help='page of a first-run: use its model, profile, motion and delays, instead of --robot '
+        'and --controller',
     )
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
         help='smooth: through all points without a stop; ptp: rest at every point '
-        '(default: smooth)',
+        '(default: smooth, not with a SPEL+ program)',
     )
     parser.add_argument(
         '--program',
@@ -350,7 +341,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--until-stdin-ends',
         action='store_true',
-        help='end when standard input is closed, together with the parent process',
+        help='exit when standard input closes, for example when the parent process ends',
     )
     parser.add_argument(
         '--panel',

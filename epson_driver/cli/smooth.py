@@ -210,8 +210,8 @@ def _parser() -> argparse.ArgumentParser:
         '--mode',
         choices=[mode.value for mode in Mode],
         default=Mode.TIME_PRESERVING.value,
-        help='times of the plan where the limits allow them, or as fast as the limits allow '
-        '(default: %(default)s)',
+        help='time_preserving: times of the plan where the limits allow them, time_optimal: as '
+        'fast as the limits allow (default: %(default)s)',
     )
     parser.add_argument(
         '--look-ahead',
@@ -225,8 +225,8 @@ def _parser() -> argparse.ArgumentParser:
         type=argument(number(0.0, MAX_PATH_TOLERANCE, 'rad')),
         default=0.0,
         metavar='RAD',
-        help='maximum joint deviation from the waypoints except the first and last (at least '
-        '0.001 if times are kept, default: %(default)g)',
+        help='maximum joint deviation from the waypoints except the first and last: 0, or with '
+        '--mode time_preserving at least 0.001 (default: %(default)g)',
     )
     parser.add_argument(
         '--keep-spline',

@@ -170,7 +170,7 @@ async def _here(state: Conversation, model: RobotModel, errors: ErrorTexts) -> A
     if not await state.wait_for_traffic(
         lambda heard: latest_status(heard) and latest_joints(heard), 5
     ):
-        raise NotMovedError('no joint states and STATUS received')
+        raise NotMovedError('no joint states or no STATUS received within 5 s')
     await _rest(state, len(model.joint_names))
     joints, status = latest_joints(state.heard), latest_status(state.heard)
     assert joints is not None  # noqa: S101 - both were waited for

@@ -201,7 +201,8 @@ class RemoteLink(Link):
         the arm. Raises ConnectionError.
         """
         if not command.isprintable():
-            raise ValueError(f'{without_password(command)!r} must be one command')
+            shown = repr(without_password(command))
+            raise ValueError(f'{shown} must be one command, a line of printable characters')
         answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
         def answered(value: str | Exception) -> None:

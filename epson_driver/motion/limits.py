@@ -34,7 +34,9 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         if not self.names or len(set(self.names)) != len(self.names):
-            raise ValueError(f'joint names must be there and differ: {self.names}')
+            raise ValueError(
+                f'at least one joint name is needed, and all must differ: {self.names}'
+            )
         units = self.units or ('rad',) * len(self.names)
         if len(units) != len(self.names) or not set(units) <= {'rad', 'm'}:
             raise ValueError(f'units must be rad or m, one per joint: {units}')

@@ -117,7 +117,7 @@ class Jog:
         try:
             result = self.kinematics.inverse(self.kinematics.from_base(pose), near)
         except KinematicsError as error:
-            raise RequestError(f'its joints cannot be computed: {error}') from error
+            raise RequestError(f'cannot compute joint positions for this pose: {error}') from error
         if not len(result):
             raise RequestError('out of reach')
         return np.asarray(result[0])

@@ -259,7 +259,7 @@ class Panel:
 
     def _end_goals(self) -> None:
         if not self.ros.cancel_goals():
-            _log.error('a goal of the panel was canceled, but its end was not seen')
+            _log.error('the goals of the panel were canceled, but not all ended in time')
 
 
 def address(host: str, port: int, token: str | None) -> str:

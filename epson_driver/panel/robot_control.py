@@ -168,7 +168,7 @@ class RobotControl:
         self.jog_end()
         self.robot.log(f'panel disarmed: {why}', INFO)
         if self.robot.cancel_goals():
-            self.robot.log('the goal of the panel is canceled', WARN)
+            self.robot.log('canceling the goals of the panel', WARN)
 
     # --- always -----------------------------------------------------------------------------
 

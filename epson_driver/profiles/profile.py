@@ -285,8 +285,8 @@ def _path(name: str, folder: Path) -> Path:
     plain = ALIKE.get(plain, plain)
     if (new := OLD_NAMES.get(plain)) is not None:
         _log.warning(
-            '%s is the old name of the profile %s, the built-in simulation; '
-            'an RC620 with the program of this package has the profile spel',
+            'profile %s is now named %s (the built-in simulation). For an RC620 with the program '
+            'of this package, use spel',
             plain,
             new,
         )

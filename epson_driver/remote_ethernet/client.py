@@ -199,7 +199,9 @@ async def _ask_at(
 
 async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:
     if not command.isprintable():
-        raise ValueError(f'{without_password(command)!r} must be one command')
+        raise ValueError(
+            f'{without_password(command)!r} must be one command, a line of printable characters'
+        )
     writer.write(f'${command}\r\n'.encode())
     await writer.drain()
     try:

@@ -71,7 +71,7 @@ FORMS = {
     'io KIND INDEX VALUE': 'set an I/O point (an input too): on, off, or mV',
     'fault NAME [KEY=VALUE …]': 'start a fault',
     'fault clear [NAME]': 'clear one fault, or all',
-    'disturb JOINT DEGREES': 'push a joint',
+    'disturb JOINT DEGREES': 'push a joint (mm if it is linear)',
     'reboot [SECONDS]': 'power cycle',
 }
 """Actions with further words, and their descriptions."""

@@ -316,7 +316,7 @@ class ClientConnections:
         """Close the connection of the remote client with the lowest priority, if any."""
         connection = min(self._remote, key=lambda connection: connection.claim, default=None)
         if connection is not None:
-            known = 'was obeyed' if connection.claim[2] else 'was pending'
+            known = 'had an accepted command' if connection.claim[2] else 'was pending'
             _log.warning('a remote client is disconnected for a new one, it %s: %s', known, why)
             connection.hang_up()
 

@@ -164,7 +164,8 @@ def _format(value: float, pattern: str) -> str:
     """
     result = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
     if result is None:
-        raise bad('FmtStr$', f'{pattern[:40]!r} may have 0, #, commas and one point only')
+        rule = 'must contain only 0, #, commas and at most one point, with no comma after it'
+        raise bad('FmtStr$', f'{pattern[:40]!r} {rule}')
     value /= 1000 ** len(result[2])
     whole, broken = result[1].replace(',', ''), result[3] or ''
     digits = f'{abs(value):.{len(broken)}f}'

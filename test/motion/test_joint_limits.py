@@ -42,8 +42,11 @@ def test_limits_are_immutable_arrays() -> None:
 @pytest.mark.parametrize(
     ('changed', 'text'),
     [
-        ({'names': ()}, 'joint names must be there and differ: ()'),
-        ({'names': ('a', 'a')}, "joint names must be there and differ: ('a', 'a')"),
+        ({'names': ()}, 'at least one joint name is needed, and all must differ: ()'),
+        (
+            {'names': ('a', 'a')},
+            "at least one joint name is needed, and all must differ: ('a', 'a')",
+        ),
         ({'units': ('rad',)}, "units must be rad or m, one per joint: ('rad',)"),
         ({'units': ('rad', 'mm')}, "units must be rad or m, one per joint: ('rad', 'mm')"),
         ({'velocity': [3.0]}, 'velocity: 1 values for 2 joints'),

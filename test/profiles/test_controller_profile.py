@@ -59,7 +59,7 @@ def test_alias_loads_the_shared_profile(name):
 def test_old_name_of_the_simulation_is_a_deprecated_alias(caplog):
     assert load_controller_profile('RC620') == load_controller_profile('simulated')
     (message,) = caplog.messages
-    assert message.startswith('rc620 is the old name of the profile simulated')
+    assert message.startswith('profile rc620 is now named simulated')
     assert 'spel' in message
 
 

@@ -186,7 +186,7 @@ class Waypoints:
                     f'{low:.6g} … {high:.6g} {unit}'
                 )
         if duration is not None and not 0.0 <= duration < np.inf:  # NaN too
-            raise ValueError(f'{what}: duration = {duration} s must be a positive number')
+            raise ValueError(f'{what}: duration = {duration} s must be finite and not negative')
         inside: Array = np.clip(position, limits.position_min, limits.position_max)
         return inside
 

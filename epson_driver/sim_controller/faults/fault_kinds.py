@@ -356,7 +356,7 @@ def _ports(name: str, kind: Kind, text: str) -> tuple[str, ...]:
         return tuple(port for port in kind.ports if port != REMOTE_PORT)
     named = text.split('+')
     if not set(named) <= set(kind.ports):
-        rule = f'must be {", ".join(kind.ports)}, several of them with + between, or all'
+        rule = f'must be all, or one or more of {", ".join(kind.ports)}, joined by +'
         raise FaultError(f'{name}: port = {_quote(text)}: {rule}')
     return tuple(port for port in kind.ports if port in named)
 

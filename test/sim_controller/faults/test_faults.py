@@ -215,8 +215,14 @@ def test_ports_of_a_fault(text, ports):
         ('delay:for=3601', ["for = '3601': must be a number from 0 to 3600 s"]),
         ('delay:colour=3', ["'colour' is unknown: must be one of seconds, for, after, port"]),
         ('delay:count=3', ["'count' is unknown"]),
-        ('delay:port=usb', ["port = 'usb': must be motion, state, io, remote, several", 'all']),
-        ('bit_errors:port=remote', ["port = 'remote': must be motion, state, io, several"]),
+        (
+            'delay:port=usb',
+            ["port = 'usb': must be all, or one or more of motion, state, io, remote"],
+        ),
+        (
+            'bit_errors:port=remote',
+            ["port = 'remote': must be all, or one or more of motion, state, io,"],
+        ),
         ('half_open:port=remote', ['port = remote needs for =', 'because it cannot be cleared']),
         ('reboot:port=motion', ["'port' is unknown: must be one of for, after"]),
         ('reboot 0', ["for = '0': must be a number from 0.1 to 3600 s"]),
