@@ -148,7 +148,7 @@ def test_forked_child_cannot_use_the_robot(ports):
             try:
                 call()
             except RobotError as error:
-                checks.append('was forked' in str(error))
+                checks.append('after the fork' in str(error))
         link = robot._awaited._connection.driver.motion_link
         number = link.transport.get_extra_info('socket').fileno()
         checks.append(os.path.sameopenfile(number, os.open(os.devnull, os.O_RDWR)))

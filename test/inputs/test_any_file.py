@@ -145,7 +145,7 @@ def read_or_refused(reader: Callable[[Path], object], path: Path) -> bool:
         reader(path)
     except FileNotFoundError as error:  # `like` with a missing profile
         text = str(error)
-        assert 'there is: ' in text
+        assert 'available: ' in text
     except InputError as error:
         text = str(error)
         assert str(path.parent) in text

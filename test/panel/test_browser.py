@@ -95,7 +95,7 @@ def test_page_works_and_fits_without_webgl(
 @pytest.mark.invariant(1)
 def test_buttons_are_disabled_before_the_window_is_armed(page: Page, cell: Cell) -> None:
     cell.peer.enable()
-    for label in ('Enable', 'Reset error', 'Execute', 'Go to its start, slowly'):
+    for label in ('Enable', 'Reset error', 'Execute', 'Move to its start, slowly'):
         button = page.button(label)
         assert button.is_disabled()
         button.dispatch_event('click')
@@ -161,7 +161,7 @@ def start_swing(page: Page, cell: Cell) -> None:
     page.armed()
     page.button('Enable').click()
     page.lamp('Arm gate', 'good')
-    page.button('Go to its start, slowly').click()
+    page.button('Move to its start, slowly').click()
     page.wait_for_text('log', 'to the start of swing: ')
     page.button('Execute').click()
     cell.peer.wait_for_motion()

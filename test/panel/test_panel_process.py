@@ -115,7 +115,7 @@ def test_estop_and_door_change_lamps_and_advice(cell: Cell, panel: PanelProcess)
 def test_unarmed_window_cannot_move_the_arm(cell: Cell, panel: PanelProcess) -> None:
     cell.peer.enable()
     with panel.window() as client:
-        for label in ('Enable', 'Reset error', 'Execute', 'Go to its start, slowly'):
+        for label in ('Enable', 'Reset error', 'Execute', 'Move to its start, slowly'):
             client.notifications.clear()
             client.click(label)
             client.wait_for_notification('not armed')
@@ -131,7 +131,7 @@ def test_unarmed_window_cannot_move_the_arm(cell: Cell, panel: PanelProcess) -> 
 def test_second_window_cannot_move_the_arm(cell: Cell, panel: PanelProcess) -> None:
     cell.peer.enable()
     with panel.armed(), panel.window() as other:
-        for label in ('Execute', 'Go to its start, slowly'):
+        for label in ('Execute', 'Move to its start, slowly'):
             other.click(label)
         other.click('Arm')
         other.wait_for_notification('another window of the panel is armed')
@@ -263,7 +263,7 @@ def test_goal_is_refused_away_from_its_start(cell: Cell, panel: PanelProcess) ->
         enable(client)
         client.click('Execute')
         client.wait_for_notification('28.6° away from the start of swing: move there first')
-        client.click('Go to its start, slowly')
+        client.click('Move to its start, slowly')
         client.wait_for_log('to the start of swing: at the goal')
         assert abs(cell.peer.position()[0]) < 0.02
 

@@ -181,7 +181,7 @@ class PanelClient:
         elif label == 'Start this fault':
             self.ask('fault', text=f'{self.inputs["Fault"]} {self.inputs["Details"]}'.strip())
         else:
-            word = {'Execute': 'execute', 'Go to its start, slowly': 'go_to_start'}[label]
+            word = {'Execute': 'execute', 'Move to its start, slowly': 'go_to_start'}[label]
             self.ask(word, name=SWING)
 
     def set(self, label: str, value: Any) -> None:

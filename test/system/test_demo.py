@@ -91,7 +91,10 @@ def test_demo_compares_the_spel_and_the_built_in_program(tmp_path: Path) -> None
     one_in(
         3,
         [
-            (['--controller=spel', '--motion=ptp'], '--motion: a SPEL+ program moves as its'),
+            (
+                ['--controller=spel', '--motion=ptp'],
+                '--motion: its statements determine',
+            ),
             (['--controller=rc1'], 'no rc1.yaml'),
             (['--robot=gx9'], 'no robot model gx9'),
         ],

@@ -83,7 +83,7 @@ def test_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
     assert np.abs(peer.assert_still() - A).max() < 1e-3
     log = waiting_cell.client.log_text()
     assert 'the controller is paused: the motion waits' in log
-    assert 'the controller goes on' in log
+    assert 'the controller is no longer paused' in log
 
 
 def test_speed_scaling_pauses_and_slows_a_running_goal(

@@ -294,7 +294,7 @@ def test_inv3_controller_that_ignores_stop_loses_its_motors(
 
     def alarm() -> bool:
         arms = [status for status in peer.diagnostics[-1].status if status.name.endswith(': arm')]
-        return any(arm.level == b'\x02' and 'STOP did not work' in arm.message for arm in arms)
+        return any(arm.level == b'\x02' and 'STOP failed' in arm.message for arm in arms)
 
     peer.wait_for(alarm, 'diagnostics')
     ended, _, text = peer.goal(trajectory((0.0, START), (1.0, START))).result()

@@ -60,7 +60,7 @@ def test_invalid_trace_file_is_rejected_and_trace_size_respected(
     assert not again.successful
     assert 'File exists' in again.reason
     assert set_parameter(peer, 'trace_size', 0.02).successful
-    peer.wait_for(lambda: 'reached its size, 0.02 MB' in cell.client.log_text(), 'its size')
+    peer.wait_for(lambda: 'maximum size, 0.02 MB' in cell.client.log_text(), 'its size')
     assert 20_000 <= path.stat().st_size < 40_000
     steps = read_recording(path)
     servers = {step.server[1] for step in steps}
