@@ -37,7 +37,7 @@ def test_definition_with_empty_brackets_is_used_with_brackets() -> None:
 def test_program_above_the_line_limit_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(preprocess, 'MOST_LINES', 4)
+    monkeypatch.setattr(preprocess, 'MAX_LINES', 4)
     assert build(files('Function main\n  Print 1\nFend')).by_name.keys() == {'main'}
     with pytest.raises(ProgramError) as caught:
         build(files('#include "a.inc"\nFunction main\nFend', a_inc='\n\n\n\n'))
