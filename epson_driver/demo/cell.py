@@ -80,7 +80,7 @@ def running_driver(
 
 
 def _identity(remote_port: int) -> str:
-    """Return the identity of the controller at a port of this machine, or raise as `logged_in`."""
+    """Return the identity of the controller at a port of this machine. Raises like `logged_in`."""
 
     async def asked() -> str:
         async with logged_in('127.0.0.1', remote_port, TIMEOUT_S) as ask:

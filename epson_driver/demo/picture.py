@@ -30,9 +30,8 @@ MAX_READS = 10
 def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
     """Return the demo's run until now, from the trace of a driver that is still recording.
 
-    `what`: the name of the run. The trace is read again until it covers the messages before this
-    call, at most MAX_READS times. If no more messages arrive, it ends with the last one. Raises
-    report.run.RunError.
+    what: the name of the run. The trace is read at most MAX_READS times, until it contains
+    messages from after this call. Raises report.run.RunError if it contains no run.
     """
     until = time.time_ns()
     for _ in range(MAX_READS):

@@ -101,9 +101,9 @@ class RosClient:
     ) -> tuple[str, bool]:
         """Send the goal and return the result's text and whether it succeeded.
 
-        `on_progress` is called with the number of points passed. A new recording is started. It
-        ends only after joint states from after the result, which may overtake joint states in
-        transit.
+        `on_progress` is called with the number of points passed. Starts a new recording, which
+        ends with the first joint state measured after the result, because the result may overtake
+        joint states in transit.
         """
         goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
         self._wait(self._action.server_is_ready, 'no action server')

@@ -85,8 +85,8 @@ def run(
     """Execute a trajectory once per motion and controller profile, and return the exit code.
 
     The exit code is 0 only if the arm followed the plan, and TOO_BUSY if that is uncertain.
-    `staying`: with the panel, and until Ctrl-C; for a single motion. Raises RunError,
-    report.run.RunError and OSError.
+    staying: run the panel too, and keep everything running until Ctrl-C, with a single motion.
+    Raises RunError or report.run.RunError if the run fails, OSError if a file cannot be written.
     """
     model = load_robot_model(robot)
     runs = []
@@ -143,8 +143,8 @@ class Run:
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
     """Return the figures of a run with the stops of its report page, if those are more.
 
-    `measure` compares with shares of the typical speed, so it may treat a slow start as one
-    standstill. The page lists each standstill with its duration.
+    `measure` detects stops relative to the typical speed, so it may count a slow start and stops
+    after it as one. The page lists each stop with its duration.
     """
     stood = len(page.stops) - numbers.commanded_stops
     return replace(numbers, stops=max(numbers.stops, stood, *(m.stops or 0 for m in page.motions)))
@@ -172,7 +172,7 @@ def _executed(
 ) -> Iterator[tuple[Run, Callable[[], None]]]:
     """Execute the trajectory with a controller and driver that run until the block ends.
 
-    `staying`: with the panel. Yields the run, and a function that keeps the cell running until
+    staying: run the panel too. Yields the run, and a function that keeps the cell running until
     Ctrl-C. Raises RunError if the goal is not reached.
     """
     began = time.monotonic()
@@ -258,8 +258,8 @@ def _ping(ports: Ports) -> list[float]:
     """Return the round-trip times of PINGs to the controller's I/O port, s, sorted.
 
     A SPEL+ program closes the port after a client has disconnected, and opens it for the next one.
-    A client that is too early has to connect again. Raises RunError if the port keeps closing, and
-    OSError.
+    A refused client connects again. Raises RunError if the port keeps closing, OSError if it
+    cannot be reached.
     """
     until = time.monotonic() + TIMEOUT_S
     while True:

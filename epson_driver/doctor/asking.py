@@ -171,7 +171,10 @@ async def count_state_clients(host: str, port: int) -> Facts:
 
 
 async def ask_io_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
-    """Return the I/O points. Outputs may take their safe values when the connection closes."""
+    """Return the facts on the I/O: the numbers of points.
+
+    Outputs may take their safe values when the connection closes.
+    """
     try:
         async with conversation(host, port) as link:
             link.dialect = state.heard.packets[0][1].dialect
@@ -200,7 +203,7 @@ async def ask_joints(
 ) -> tuple[tuple[float, ...], bool]:
     """Return joint positions, rad or m by `units`, and whether the motors are on.
 
-    Raises RemoteError, TimeoutError, ConnectionError.
+    Raises RemoteError if the controller refuses, TimeoutError, ConnectionError.
     """
     async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:
         return await ask_positions(ask, units)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a controller through its ports, and which requests it may be sent."""
+"""Checks of a controller through its ports, with the requests that the user permits."""
 
 import asyncio
 import time
@@ -57,9 +57,8 @@ LATE_S = 0.05
 """Timer delay above which a note is given, s."""
 
 BUSY_S = 0.25
-"""Timer delay above which silence is no evidence against the controller, s. A process that was
-delayed for half a second may be delayed for seconds, and a simulated controller is such a
-process."""
+"""Timer delay above which silence is no evidence against the controller, s: a simulated
+controller on the same busy machine may be delayed for seconds."""
 
 LONGEST_GAP_S = 0.3
 CLOCK_JUMP_S = 0.1
@@ -74,12 +73,16 @@ SERVERS = {
 """Tasks of the SPEL+ program that serve the ports, with their numbers in RC+'s Task Manager."""
 
 OUTSIDE_RAD = 0.05
-"""Tolerance beyond a limit for a reported joint, rad or m: noise, and a rest at the very end."""
+"""Tolerance of a reported joint position beyond its limit, rad or m, for noise."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """The controller to check, and the checks allowed. A port of 0 is not used."""
+    """The controller to check, and the permitted checks.
+
+    A port of 0 is not used. seconds: listening time, s. may_ask: permits requests to the motion
+    and remote ports. may_use_io: permits requests to the I/O port.
+    """
 
     host: str
     profile: ControllerProfile
@@ -109,7 +112,7 @@ async def check_controller(
 
 
 def _name_tasks(findings: Findings) -> None:
-    """Add a note on the tasks of the SPEL+ program that do not serve."""
+    """Add a note on the tasks of the SPEL+ program whose ports do not answer."""
     well = {item.about for item in findings.all if item.level is Level.OK}
     looked_at = {item.about for item in findings.all if item.level in (Level.WRONG, Level.NOTE)}
     missing = [task for port, task in SERVERS.items() if port in looked_at - well]
@@ -230,7 +233,10 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
 
 
 async def _tell_why_not(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Report first why the arm cannot move, from STATUS and Remote Ethernet."""
+    """Report why the arm cannot move, from STATUS and, if permitted, Remote Ethernet.
+
+    Returns the facts from Remote Ethernet.
+    """
     status = latest_status(state.heard) or Status()
     texts = load_error_texts(question.profile.error_texts)
     facts: Facts = {}

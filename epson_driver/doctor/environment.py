@@ -69,7 +69,7 @@ DEFINITIONS: dict[str, Sequence[str]] = {
     'trajectory_msgs.msg.JointTrajectory': ('header', 'joint_names', 'points'),
     'diagnostic_msgs.msg.DiagnosticArray': ('header', 'status'),
 }
-"""Messages, and the fields used by the driver. Another package of the same name lacks some."""
+"""Messages, and the fields that the driver uses. Another package of that name lacks some."""
 
 _ASK = """
 import importlib, json, os, sys

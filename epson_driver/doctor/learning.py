@@ -125,9 +125,9 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
 
 
 _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
-"""Values that a measurement cannot contradict. Remote Ethernet may be available without being
-meant for the driver, and a running program that must be stopped first is seen only while it
-runs."""
+"""Keys with values of the profile that a measurement cannot contradict. `none`: Remote Ethernet
+may be available although the driver must not use it. `restart`: the program that must be stopped
+first is visible only while it runs."""
 
 TOLERANCE_SHARE = 0.1
 """Relative tolerance of a measured time, in addition to its uncertainty."""

@@ -79,7 +79,7 @@ class ReceivedTraffic:
     unreadable: str = ''
     """Error text for the first bytes that were no message, or ''."""
     ended: str = ''
-    """Manner in which the controller closed the connection, or '' if it is open."""
+    """Reason for the end of the connection, or '' while it is open."""
     vanished: bool = False
     """Whether the connection was lost because the other machine stopped answering TCP."""
     first_bytes: bytes = b''
@@ -111,7 +111,7 @@ class Conversation:
     async def wait_for_traffic(
         self, enough: Callable[[ReceivedTraffic], object], seconds: float
     ) -> bool:
-        """Wait until the received data is enough, and return whether it is in time."""
+        """Wait up to `seconds` until `enough` is true of the traffic. Returns whether it is."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 while not enough(self.heard) and not self._task.done():
@@ -120,7 +120,7 @@ class Conversation:
         return bool(enough(self.heard))
 
     async def ended_within(self, seconds: float) -> bool:
-        """Wait, and return whether the controller has closed the connection by the end."""
+        """Wait up to `seconds`, and return whether the connection has ended."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(asyncio.shield(self._task), seconds)
         return self._task.done()
@@ -221,7 +221,7 @@ class Conversation:
 
 @asynccontextmanager
 async def conversation(host: str, port: int) -> AsyncIterator[Conversation]:
-    """Connect to a port. Raises NoConnectionError if that fails, with the reason."""
+    """Connect to a port until the block ends. Raises NoConnectionError if that fails."""
     began = asyncio.get_running_loop().time()
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):

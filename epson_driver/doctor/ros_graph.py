@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Query of this ROS domain for the doctor, run as a separate process.
+"""Lists the drivers and the MoveIt of this ROS domain, as a separate process of the doctor.
 
-Prints JSON. `moveit`: the joints of a running MoveIt's robot, or null without a move_group.
-`drivers`: the values of each driver's arm in /diagnostics.
+Prints JSON. `moveit`: the joints of the robot in a running move_group, or null without one.
+`drivers`: the values that each driver publishes on its arm in /diagnostics.
 """
 
 import json
@@ -22,11 +22,11 @@ from epson_driver.node.ros_process import udp_by_default
 MOVABLE = ('revolute', 'continuous', 'prismatic')
 
 ARM = ': arm'
-"""Suffix of the diagnostics status of an arm."""
+"""Suffix of the name of an arm's status in /diagnostics."""
 
 
 def main() -> int:
-    """Collect for the number of seconds in the first argument."""
+    """Listen for the time in the first argument, s, and print the result."""
     timeout = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
     with udp_by_default():
         rclpy.init()

@@ -24,10 +24,10 @@ Facts = dict[str, object]
 
 MIN_JOINTS = 20
 MIN_STATUSES = 3
-"""Minimum number of messages of each kind for deriving facts."""
+"""Minimum number of joint states and of STATUS messages for deriving facts."""
 
 TOGETHER_SHARE = 0.3
-"""Maximum time from the joints to a STATUS sent together with them, as a share of a period."""
+"""Maximum time from a joint state to a STATUS of the same cycle, as a share of the period."""
 
 UNEVEN_SHARE = 0.25
 """Maximum uncertainty of a measured period, as a share of it. Beyond it, the period is omitted."""
@@ -94,11 +94,10 @@ class Measured(float):
 
 
 def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
-    """Return the mean time between messages that arrived at these times, or None for too few.
+    """Return the period of messages that arrived at these times, s, or None for too few.
 
-    TCP loses nothing: delayed messages come later, not fewer. So the period is the median of the
-    time from message i to message i + n/2, divided by n/2, which bursts and single gaps do not
-    change. `lateness`: uncertainty of each time, s.
+    It is the median time from message i to message i + n/2, divided by n/2. Bursts and single
+    gaps do not change it, because TCP delays messages but loses none. `lateness`: uncertainty of each time, s.
     """
     half = len(times) // 2
     if half < MIN_JOINTS // 2:
@@ -110,9 +109,10 @@ def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
 
 
 def _rhythm(heard: ReceivedTraffic) -> Facts:
-    """Return the period, the messages per STATUS, and whether the STATUS has a separate slot.
+    """Return the facts on timing: the period of the state task, and the joint states per STATUS.
 
-    Facts are omitted where bursts or this machine's lateness leave them uncertain.
+    A STATUS is sent together with a joint state, or in a cycle without one. Facts that bursts or
+    this machine's lateness leave uncertain are omitted.
     """
     kinds = [(at, is_joints(packet)) for at, packet in heard.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]

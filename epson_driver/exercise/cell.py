@@ -35,7 +35,7 @@ ESTOP_FLAG = 6
 MOVED = 0.002
 """Minimum displacement of a joint that counts as motion, rad or m."""
 
-STANDS_S = 0.2
+REST_S = 0.2
 """Time without motion after which the arm counts as at rest, s."""
 
 
@@ -59,7 +59,7 @@ class Observer:
         self._news = threading.Condition(self._lock)
         self._closing = False
         self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._look_on()), name='observer', daemon=True
+            target=lambda: asyncio.run(self._poll_forever()), name='observer', daemon=True
         )
         self._thread.start()
 
@@ -114,17 +114,17 @@ class Observer:
             return False
         return bool(np.any(np.abs(positions[first:] - positions[first]).max(axis=1) > MOVED))
 
-    async def _look_on(self) -> None:
+    async def _poll_forever(self) -> None:
         while not self._closing:
             with contextlib.suppress(RemoteError, ConnectionError, TimeoutError):
                 async with logged_in(HOST, self._port, SESSION_S, self._password) as ask:
                     while not self._closing:
-                        await self._look(ask)
+                        await self._poll(ask)
                         await asyncio.sleep(PERIOD_S)
             if not self._closing:
                 await asyncio.sleep(RETRY_S)
 
-    async def _look(self, ask: Ask) -> None:
+    async def _poll(self, ask: Ask) -> None:
         shown = (await ask('Sim,joints')).split()
         joints = tuple(float(value) / unit for value, unit in zip(shown, self._units, strict=True))
         stopped = (await ask('GetStatus'))[ESTOP_FLAG : ESTOP_FLAG + 1] == '1'
@@ -137,10 +137,10 @@ class Observer:
 
 
 def standstill(times: Array, positions: Array) -> int | None:
-    """Return the first index after which the arm was at rest for STANDS_S, or None."""
+    """Return the first index after which the arm was at rest for REST_S, or None."""
     for index in range(len(times)):
-        within = (times >= times[index]) & (times <= times[index] + STANDS_S)
-        if times[-1] < times[index] + STANDS_S:
+        within = (times >= times[index]) & (times <= times[index] + REST_S)
+        if times[-1] < times[index] + REST_S:
             return None
         if np.all(np.abs(positions[within] - positions[index]).max(axis=1) <= MOVED / 10):
             return index
@@ -153,9 +153,10 @@ TRACE = 'wire.pcap'
 
 
 class SimulatedCell:
-    """A running controller and its driver. `environment`: for programs that use them.
+    """A running controller and its driver.
 
-    `trace`: the driver's recording of the wire, complete once the cell is closed.
+    environment: environment variables of programs that use them. trace: the driver's recording of
+    the network traffic, complete once the cell is closed.
     """
 
     def __init__(
@@ -172,7 +173,7 @@ class SimulatedCell:
     def pendant(self, words: str) -> None:
         """Do a person's action at the controller: `estop press`, `motors off`, `fault cut 2`.
 
-        Raises UsageError for unknown words, RemoteError if the controller refuses.
+        Raises UsageError if the words are unknown, RemoteError if the controller refuses.
         """
         command = action(words).commands[0]
         port, limit = self.ports.remote, PENDANT_TIMEOUT_S

@@ -36,11 +36,10 @@ GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
 class Observed:
     """Observations of one run of the program.
 
-    `code`: its exit code, or None if it had to be killed after `seconds`. `last_line`: of its
-    output.
-    `trajectories`: the number sent to the controller. `end`: the arm's final position. `refused`:
-    why the controller did not accept the fault, or ''. `aborted`: why the driver aborted a goal,
-    the last one, or ''.
+    code: its exit code, or None if it had to be killed after `seconds`. last_line: the last line
+    of its output. trajectories: the number sent to the controller. end: the arm's final position,
+    shape (n,), rad or m. refused: why the controller did not accept the fault, or ''. aborted: why
+    the driver aborted the last goal that it aborted, or ''.
     """
 
     case: str
@@ -67,7 +66,7 @@ class Result:
 
     @property
     def good(self) -> bool:
-        """Whether the exercise is passed."""
+        """Whether the program passes."""
         return self.verdict in GOOD
 
 

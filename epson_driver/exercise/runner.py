@@ -34,10 +34,9 @@ Words = str
 class Case:
     """One fault: how it is triggered, and a person's reaction a few seconds later.
 
-    The cell never enables the arm again: that is up to the program, or to a person who has checked
-    the arm. `stops`: the fault ends with an E-stop, after which nothing may move without a new
-    enable. `early`: the fault is triggered before the program starts, because it affects a moment
-    that would have passed once the arm moves.
+    After the fault, the cell does not enable the arm again. stops: the fault causes an E-stop,
+    after which nothing may move without a new enable. early: the fault is triggered before the
+    program starts, because it affects the start of the motion.
     """
 
     name: str
@@ -117,7 +116,7 @@ CASES: dict[str, Case] = {
 
 
 def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
-    """Return the pendant's words for these actions. `spel`: for a SPEL+ program."""
+    """Return the pendant actions. spel: stop the program before actions that it would refuse."""
     if not spel:
         return actions
     return tuple(
@@ -159,8 +158,8 @@ class Exercise:
 def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | None) -> Observed:
     """Run the program once, leaving logs and trace in the folder, which must be new.
 
-    `usual`: the run without a fault, or None if this is it. Raises cell.RunError if controller or
-    driver do not start.
+    usual: the run without a fault, or None for that run itself. Raises cell.RunError if controller
+    or driver do not start.
     """
     folder.mkdir(parents=True)
     spel = bool(load_controller_profile(exercise.controller).spel.project)

@@ -31,11 +31,12 @@ VERSION = 1
 MAX_FILE_BYTES = 500_000_000
 
 START_S = {False: 0.1257, True: 0.0336}
-"""Time from sending a point to the first motion in the simulated controller without servo lag, s,
-by whether it rests at points. Any longer time of a robot is attributed to a late state."""
+"""Time from sending a point to the first motion in the simulated controller without servo lag, s.
+The key: whether the arm rests at each point. A longer time of a robot is simulated as a delay of
+its state messages."""
 
 MIN_DELAY_S = 0.01
-"""Minimum delay taken over into the simulation, s. A smaller one is within the scatter."""
+"""Minimum delay that is simulated, s. A smaller one is within the scatter."""
 
 _SECONDS = number(-1e6, 1e6, 's')
 START_TIME = 'joint 1: point sent to motion seen'
@@ -64,7 +65,10 @@ class Entry:
 
 @dataclass
 class FirstRunRecord:
-    """Steps by name, facts on the robot (address, profile, model, versions), the file's name."""
+    """The results of a first run: `about` the robot and the software, and the steps by name.
+
+    name: the name of the file.
+    """
 
     about: dict[str, str]
     entries: dict[str, Entry] = field(default_factory=dict)
@@ -101,12 +105,12 @@ class FirstRunRecord:
         return result
 
     def save(self, path: Path) -> None:
-        """Write the file. Raises OSError."""
+        """Write the file. Raises OSError if that fails."""
         write_file(path, ''.join(_page(self)))
 
 
 def load(path: Path) -> FirstRunRecord:
-    """Read a first-run file. Raises InputError."""
+    """Read a first-run file. Raises InputError if it is none."""
     name = printable(path)
     content = read_file(path, MAX_FILE_BYTES)
     try:
@@ -159,7 +163,10 @@ class ReplicaSettings:
 
 
 def likeness(book: FirstRunRecord) -> ReplicaSettings:
-    """Return the setup of a simulated controller like the robot. Raises InputError."""
+    """Return the setup of a simulated controller like the robot.
+
+    Raises InputError if the facts make no valid profile.
+    """
     facts = book.facts
     stops = bool(facts.get('rests at points'))
     known = {key: value for key, value in facts.items() if key in RULES or key == 'io'}

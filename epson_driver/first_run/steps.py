@@ -40,11 +40,11 @@ from epson_driver.simple_message import ReplyCode, Status, TriState
 
 DEGREES = 5.0
 SLIDE_MM = 10.0
-"""Travel of a joint: 5 degrees, or 10 mm of a sliding joint."""
+"""Travel of a joint: 5 degrees, or 10 mm of a prismatic joint."""
 
 WAY_S = 2.0
 BACK_AND_FORTH = 10
-"""Duration of a motion, s, and the number of motions during which a person interrupts."""
+"""Duration of a motion, s, and number of motions in a step that a person interrupts."""
 
 STREAM_POINTS = 40
 STREAM_PERIODS_S = (0.1, 0.05)
@@ -54,7 +54,7 @@ PENDANT_TOLERANCE = 0.05
 """Tolerance between the pendant's values and the joint states, degrees or mm."""
 
 LATE_S = 0.02
-"""Reply time of a STOP beyond the handshake above which replies count as late, s."""
+"""Reply time of a STOP, beyond that of TCP's handshake, above which replies count as late, s."""
 
 
 @dataclass
@@ -222,7 +222,7 @@ async def make_ready(run: FirstRun) -> None:
 
 
 class EndedError(Exception):
-    """The person ended the session: with q, or without low power."""
+    """The user ended the session, with q or because the power is not low."""
 
 
 async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
@@ -248,7 +248,7 @@ async def _power(run: FirstRun) -> StepResult:
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
-    """Ask a person to do something until STATUS permits motion."""
+    """Ask the user to do `what`, repeatedly, until STATUS permits motion."""
     while True:
         done = await agreed(run.ask, f'{what}, then press Enter (s: skip this step): ')
         await state.ended_within(0.5)
@@ -370,9 +370,9 @@ def _numbers(count: int) -> range:
 
 
 def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
-    """Return what limits the points acknowledged ahead: their number, or their time in s.
+    """Return the facts on the controller's point buffer: its size, as a number or a time in s.
 
-    counts: the maximum number acknowledged ahead, for points with these periods, s.
+    counts: the maximum number of points acknowledged ahead of the arm, for each of `periods`, s.
     """
     if min(counts) < 0.5:
         return {'program.acknowledge': 'default'}  # point to point, which rests at each

@@ -45,7 +45,7 @@ MAX_SPEED = 0.1
 """Maximum speed of any joint, rad/s or m/s."""
 
 MIN_VELOCITY = 0.01
-"""Minimum velocity sent: one percent, the minimum of SPEL+."""
+"""Minimum velocity of a point, as a fraction of the maximum: one percent, as in SPEL+."""
 
 FIRST_DURATION_S = 0.1
 """Duration of the first point, at the current position, s."""
@@ -54,7 +54,7 @@ STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
 class NotMovedError(Exception):
-    """Nothing was sent, or sending was stopped, for the reason in the text."""
+    """The arm was not moved, or its motion was given up, for the reason in the text."""
 
 
 @dataclass
@@ -233,9 +233,9 @@ def _take_over(made: TrialMove, state: Conversation, first: int, joints: int) ->
 
 
 def ahead(made: TrialMove, joint: int, delay: float) -> float:
-    """Return the maximum number of points acknowledged ahead of the arm, in a ride of one joint.
+    """Return the maximum number of points that were acknowledged before the arm reached them.
 
-    delay: the delay of replies, s.
+    joint: the joint that moved. delay: the delay of replies, s.
     """
     if made.begin is None:
         return 0.0

@@ -22,8 +22,8 @@ MEGABYTE = 1_000_000
 def open_file(path: Path) -> Iterator[BinaryIO]:
     """Open a regular file for reading.
 
-    Raises InputError for a missing or unreadable file, a folder, a pipe, a device and an invalid
-    path.
+    Raises InputError if the file is missing or unreadable, or if it is a folder, a pipe or a
+    device.
     """
     try:
         # O_NONBLOCK: otherwise opening a pipe waits for a writer
@@ -41,7 +41,10 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def read_file(path: Path, largest: int) -> bytes:
-    """Return the content of a file of at most `largest` bytes. Raises as `open_file`."""
+    """Return the content of a file.
+
+    Raises InputError if it has more than `largest` bytes, or like `open_file`.
+    """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         # None: a kernel file without data
@@ -54,8 +57,8 @@ def read_file(path: Path, largest: int) -> bytes:
 def write_file(path: Path, content: str | bytes) -> None:
     """Write a file atomically. An existing file is replaced, and its permissions are preserved.
 
-    Text is written as UTF-8. Raises OSError with the file, also for a link, a folder, a pipe or
-    a device.
+    Text is written as UTF-8. Raises OSError, which names the file, if it cannot be written or is a
+    link, a folder, a pipe or a device.
     """
     data = content.encode('utf-8', 'backslashreplace') if isinstance(content, str) else content
     part = path.parent / f'.{secrets.token_hex(8)}.part'
@@ -88,6 +91,6 @@ def _check_kind(mode: int) -> None:
 
 
 def _sentence(path: Path, error: OSError | ValueError) -> str:
-    """Return an error text for a file. ValueError: a NUL, or characters that cannot be encoded."""
+    """Return an error text for a file. A ValueError means that the path is invalid."""
     why = error.strerror or error if isinstance(error, OSError) else 'cannot be the path of a file'
     return f'{printable(path)}: {why}'

@@ -17,7 +17,7 @@ from operator import xor
 from epson_driver.inputs import InputError, decimal, printable, shown
 
 MAC = '02-00-00-00-00-00'
-"""MAC address of the PC that has written a file: locally administered, not assigned."""
+"""Default for the MAC address in the header: locally administered, so it belongs to no PC."""
 
 CRLF = '\r\n'
 _DEEPEST = 8
@@ -49,12 +49,12 @@ class Block:
                 yield item
 
     def text(self, key: str, usual: str = '') -> str:
-        """Return a string."""
+        """Return the string of a key, or `usual` without one."""
         value = self._value(key)
         return usual if value is None else value.removeprefix('"').removesuffix('"')
 
     def number(self, key: str, usual: float = 0) -> float:
-        """Return a number. Raises RcFileError."""
+        """Return the number of a key, or `usual` without one. Raises RcFileError if it is none."""
         value = self._value(key)
         try:
             return usual if value is None else decimal(value.strip())
@@ -73,7 +73,7 @@ class Block:
 def parsed(name: str, text: str) -> Block:
     """Return a file's content as one block. A header becomes its first item.
 
-    Raises RcFileError.
+    Raises RcFileError if the syntax is wrong.
     """
     top = Block('', file=name)
     open_blocks = [top]

@@ -55,8 +55,8 @@ def ignore_interrupts() -> None:
 def raise_at_first_signal() -> None:
     """Raise KeyboardInterrupt on the first signal that ends a process, and ignore later ones.
 
-    This ensures that started processes are always ended. It also handles a SIGINT that a shell's
-    `&` has set to ignored.
+    Later signals must not interrupt the ending of the started processes. A SIGINT that a shell's
+    `&` has set to ignored is handled too.
     """
     for number in ending_signals():
         signal.signal(number, _raise_once)

@@ -32,7 +32,7 @@ claims: deque[socket.socket] = deque()
 END_TIMEOUT_S = 5.0
 
 TELLING = ('panel', 'sim_controller')
-"""Executables that print their address or ports once they are ready."""
+"""Executables that print their address or ports on stdout once they are ready."""
 
 EXECUTABLE = tuple(module_command('epson_driver.cli'))
 """Command of this package's executables, to be followed by a name and arguments."""
@@ -214,11 +214,11 @@ def sim_controller(
 
     `start`: initial joint positions, rad or m; None: the default of the executable.
     """
-    wanted = ports or Ports(0, 0, 0, 0)
+    chosen = ports or Ports(0, 0, 0, 0)
     numbers = [
         word
         for name in ('motion', 'state', 'io', 'remote')
-        for word in (f'--{name}-port', str(getattr(wanted, name)))
+        for word in (f'--{name}-port', str(getattr(chosen, name)))
     ]
     if start is not None:
         numbers.append('--start=' + ','.join(f'{position:.9g}' for position in start))

@@ -59,7 +59,7 @@ def packed(value: object) -> bytes:
 
 
 def body_length(prefix: bytes) -> int:
-    """Return the number of bytes after a prefix. Raises ValueError if it is too large."""
+    """Return the number of bytes that follow a prefix. Raises ValueError if it is too large."""
     _, text, arrays = PREFIX.unpack(prefix)
     length = int(text + arrays)
     if length > MAX_BYTES:
@@ -70,7 +70,7 @@ def body_length(prefix: bytes) -> int:
 def unpacked(data: bytes, kinds: Collection[type]) -> Any:
     """Return the value of bytes made by `packed`. Only dataclasses in `kinds` are allowed.
 
-    Raises ValueError with the error in the bytes.
+    Raises ValueError if the bytes are invalid.
     """
     names = {kind.__name__: kind for kind in kinds}
 
@@ -103,7 +103,10 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
 
 
 def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:
-    """Return the next value of a stream, or None at its end. Raises as `unpacked`."""
+    """Return the next value of a stream, or None at its end.
+
+    Raises ValueError if the bytes are invalid.
+    """
     prefix = stream.read(PREFIX.size)
     if len(prefix) < PREFIX.size:
         return None
@@ -118,7 +121,10 @@ def write_value(stream: BinaryIO, value: object) -> None:
 
 
 async def next_value(stream: asyncio.StreamReader, kinds: Collection[type]) -> Any:
-    """Return the next value of a stream. Raises EOFError at its end, else as `unpacked`."""
+    """Return the next value of a stream.
+
+    Raises EOFError at its end, ValueError if the bytes are invalid.
+    """
     prefix = await stream.readexactly(PREFIX.size)
     body = await stream.readexactly(body_length(prefix))
     return unpacked(prefix + body, kinds)

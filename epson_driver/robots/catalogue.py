@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The available robot models, by name, and the file entries that define each one.
+"""The robot models by name, and the entries of files that define each model.
 
 config/robots/ has one file for each series. It contains the data common to all models and, under
 `models`, a row per model that overrides them. A row or a user's file that is `like` another model
@@ -24,7 +24,7 @@ ALIKE = 0.4
 
 
 class Layer(NamedTuple):
-    """Some keys of a model. where: the path of keys to them in their file."""
+    """Values of one file, or of one entry in it, for a model. where: the keys of that entry."""
 
     path: Path
     where: tuple[str, ...]
@@ -40,8 +40,8 @@ def model_name(name: str) -> str:
     """Return the name of a model in config/robots/, or the path of a .yaml file unchanged.
 
     EPSON's spelling C4-A601S is accepted, also without the hyphen or without the S of the standard
-    form, and an abbreviation that matches only one model. Raises FileNotFoundError with similar
-    names, or with the unknown data of a known arm.
+    form, and an abbreviation that matches only one model. Raises FileNotFoundError, which suggests
+    similar names, or lists the missing data of an EPSON arm without a model.
     """
     if name.endswith('.yaml'):
         return name
@@ -127,7 +127,7 @@ def _near(models: list[str]) -> str:
 
 
 def _unknown(wanted: str) -> str:
-    """Return the unknown facts of an arm that EPSON makes, as a clause, or ''."""
+    """Return a clause about the unpublished data of an EPSON arm without a model, or ''."""
     unknown = read_yaml(share_file('config', 'unknown_robots.yaml'))
     series = [name for name in unknown if wanted.startswith(_plain(name))]
     if not series:

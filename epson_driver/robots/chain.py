@@ -18,7 +18,7 @@ UNITS = {REVOLUTE: 'rad', PRISMATIC: 'm'}
 """SI unit of a joint's position."""
 
 SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
-"""Unit in which EPSON shows a position, and its number per SI unit."""
+"""By SI unit: the unit in which EPSON shows a position, and how many of it are one SI unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +70,9 @@ def reach(chain: Chain, types: tuple[str, ...], strokes: Array, tool: Array) -> 
     from zero. `tool`, shape (3,), m: Tool 0 in the last link's frame. The result is an upper bound
     for all poses, whatever the ranges of revolute joints.
 
-    The computation goes from the tool inwards. The offset carried by a joint has a part along the
-    joint's axis, which does not turn with the joint and so belongs to the previous link, and a
-    part across, which is an arm of fixed length. The reach is the sum of the arms beyond an axis.
+    The computation starts at the tool. A revolute joint turns the part of its offset that is
+    perpendicular to its axis, which is an arm of fixed length. The part along the axis is passed
+    on to the previous joint. The reach of a joint is the sum of its arm and of those after it.
     """
     count = len(types)
     arms = np.zeros(count)

@@ -42,7 +42,7 @@ class Solver(Protocol):
         """Return why the orientation of a pose is unreachable, or ''."""
 
     def sides(self, joints: Array, /) -> tuple[float, ...]:
-        """Return how far the arm is on the usual side of each choice that a pose allows."""
+        """Return a number for each choice of configuration. See `Kinematics.sides`."""
 
 
 class Kinematics:
@@ -126,7 +126,9 @@ class Kinematics:
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return the side of the arm in each choice that a pose allows, 0 on its edge.
+        """Return a number for each choice of configuration, such as elbow up or down.
+
+        Its sign is the choice. It is 0 where both choices meet.
 
         SCARA: joint 2, rad. Six-axis arm: distance of the wrist in front of joint 1's axis, m, and
         bends of the elbow (upwards) and wrist, rad. Raises KinematicsError.
@@ -242,8 +244,8 @@ def conditions(model: RobotModel, joints: Array) -> Array:
     """Return the condition of tool0's Jacobian, shape (k,), at joints of shape (k, n), rad or m.
 
     It is the ratio of the largest to the smallest singular value, in m and rad like MoveIt's, and
-    inf if a direction is lost. It grows with a small arm's rotations and falls with a large
-    arm's rotations, so the threshold for a singularity depends on the model.
+    inf in a singularity. It mixes m and rad, so it depends on the size of the arm, and each model
+    needs its own thresholds.
     """
     chain, count = model.chain, len(joints)
     turns = np.broadcast_to(np.eye(3), (count, 3, 3))

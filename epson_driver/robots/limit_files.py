@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of any arm's joints, from its URDF and from MoveIt's joint_limits.yaml or a model."""
+"""Joint limits of any arm, from its URDF, from MoveIt's joint_limits.yaml, or from a model."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ ENDLESS = 1e4
 
 _SIZE = number(-1e9, 1e9)
 NUMBER = Rule(lambda value: _SIZE.read(decimal(str(value).strip())), _SIZE.text)
-"""A number, or a text with a number, as in XML."""
+"""The rule for a number, or for a text with a number, as in XML."""
 
 QUANTITIES = ('position_min', 'position_max', 'velocity', 'acceleration', 'jerk')
 OF_MOVEIT = {
@@ -76,8 +76,8 @@ def file_limits(name: str) -> Rows:
             return dict(_moveit_rows(inside['joint_limits'], printable(name)))
     limits = load_robot_model(name).limits
     return {
-        joint: {'unit': limits.units[at]} | {key: getattr(limits, key)[at] for key in QUANTITIES}
-        for at, joint in enumerate(limits.names)
+        joint: {'unit': limits.units[i]} | {key: getattr(limits, key)[i] for key in QUANTITIES}
+        for i, joint in enumerate(limits.names)
     }
 
 
@@ -87,7 +87,7 @@ def limits_of(
     """Return the limits of some joints, and a sentence for each assumed limit.
 
     ratios: default ratio of the acceleration to the velocity, and of the jerk to the acceleration,
-    1/s. Raises InputError, with the joint, if another limit is missing.
+    1/s. Raises InputError if a position or velocity limit is missing.
     """
     result, assumed = [], []
     for joint in joints:

@@ -50,13 +50,13 @@ ASSUMED_JERK = Provenance(
 )
 
 MIN_PULSES_PER_DEGREE = 1e-3
-"""Minimum per degree or mm. With fewer, a joint's whole range could be less than one pulse."""
+"""Minimum number of pulses per degree or mm. With fewer, a range could be less than a pulse."""
 
 UNIT_TOLERANCE = 1e-9
 """Tolerance of the length of an axis vector, which must be 1."""
 
 MAX_IN_RADIANS = 26.0
-"""Degrees. If no joint turns farther, its range is probably in radians: 26 are four turns."""
+"""Range in degrees below which it is probably in radians (26 rad are four turns)."""
 
 LEAST_LENGTH_M = 0.02
 """Minimum sum of all lengths of a chain. Shorter chains are probably in m, not in mm."""
@@ -110,7 +110,7 @@ class RobotModel:
 
     @property
     def mark(self) -> str:
-        """Lowest mark of all quantities."""
+        """Lowest confidence of all quantities, one of MARKS."""
         return max((item.worst for item in self.provenance.values()), key=MARKS.index)
 
     @property
@@ -197,7 +197,8 @@ QUANTITIES = (
     *('range', 'speed', 'acceleration', 'jerk', 'pulses'),
     *('origins', 'heights', 'tool0', 'world', 'payload', 'mass'),
 )
-"""Quantities with a source: the keys without units. `heights`: `origins_mm` where it differs."""
+"""Quantities that have a source, by their keys without units. `heights`: the heights in
+`origins_mm`, if they have another source."""
 
 OTHER_KEYS = (
     *('name', 'description', 'like', 'sources', 'joint_names', 'joint_types', 'zero_outside'),
@@ -220,7 +221,7 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
-    """Convert joint values from degrees and mm to rad and m, shape (n, …), bit-equal to urdf/."""
+    """Convert joint values from degrees and mm to rad and m, shape (n, …), rounded as in urdf/."""
     turns = np.array([item != PRISMATIC for item in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 

@@ -30,7 +30,7 @@ STRAIGHT_WRIST_RAD = 2e-6
 sum matters. The error of the solution is no larger."""
 
 ROUNDING = 1e-12
-"""Share of its reach within which an arm counts as stretched, due to rounding."""
+"""Relative tolerance at the edge of the reach, for rounding."""
 
 
 class KinematicsError(ValueError):

@@ -40,7 +40,7 @@ class Provenance:
 
     @property
     def worst(self) -> str:
-        """Lowest mark of all its numbers."""
+        """Lowest confidence of all its numbers, one of MARKS."""
         return max(self.marks, key=MARKS.index)
 
 
@@ -157,7 +157,7 @@ class Reader:
         return np.array(rows, dtype=float).reshape(count, len(each))
 
     def provenance(self, quantity: str, count: int = 1) -> Provenance:
-        """Return mark and source of a quantity that has `count` numbers."""
+        """Return source and confidence of a quantity that has `count` numbers."""
         layer, source = self._sources.get(quantity, (self._own, None))
         if source is None:
             return Provenance(f'{printable(self._own.path.name)}, without a source', (MARKS[1],))

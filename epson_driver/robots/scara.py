@@ -15,19 +15,19 @@ from epson_driver.robots.model import RobotModel
 from epson_driver.robots.opw import TOLERANCE, KinematicsError
 
 EDGE_M = 1e-9
-"""Distance beyond the stretched or folded arms that counts as at the edge."""
+"""Distance beyond the edge of the workspace that counts as reachable, m."""
 
 UPRIGHT_RAD = 1e-6
-"""Maximum lean of an upright pose. The error of the solution is no larger."""
+"""Maximum tilt of a pose that counts as upright, rad. The solution ignores it."""
 
 
 @dataclass(frozen=True)
 class ScaraParameters:
     """Parameters of the closed form.
 
-    lengths, m: arm_1 and arm_2, seen from above, and height of link_4 at the zero pose. base:
-    position of joint 1's axis, and arms: both arms at the zero pose, as complex numbers x + iy, m.
-    signs: 1 where a joint's axis points up, or -1, one per joint.
+    lengths: arm_1 and arm_2, seen from above, and height of link_4 at the zero pose, m. base:
+    position of joint 1's axis. arms: the vectors of both arms at the zero pose. These vectors are
+    complex numbers x + iy, m. signs: one per joint, 1 if its axis points up, else -1.
     """
 
     lengths: dict[str, float]
@@ -37,9 +37,9 @@ class ScaraParameters:
 
 
 def scara_parameters(model: RobotModel) -> ScaraParameters:
-    """Return the parameters of a model of four joints. Raises KinematicsError, with the reason.
+    """Return the parameters of a model with revolute, revolute, prismatic and revolute joints.
 
-    The joints must be revolute, revolute, prismatic and revolute.
+    Raises KinematicsError if the model has another geometry than a SCARA.
     """
     up = model.chain.axes[:, 2]
     for name, fraction in zip(model.joint_names, np.abs(up), strict=True):
@@ -77,7 +77,7 @@ class ScaraSolver:
         return f'it is tilted by {np.degrees(lean):.3g} degrees, but a SCARA tool stays upright'
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return the angle of joint 2, rad, whose sign defines the hand."""
+        """Return the angle of joint 2, rad. Its sign is the side of the elbow."""
         return (float(joints[1]),)
 
     def branches(self, pose: Array, near: Array) -> list[Array]:

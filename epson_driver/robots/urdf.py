@@ -25,10 +25,10 @@ from epson_driver.share import share_folder
 
 
 def cached(made_of: Iterable[bytes], make: Callable[[], str]) -> str:
-    """Return the text that `make` generates from these bytes, from the cache if available.
+    """Return the text that `make` generates from these bytes, from the cache if it is there.
 
-    A folder that cannot be read or written, or a damaged file, only costs time. Files are written
-    atomically, so other processes never read an incomplete one.
+    Without a readable, writable folder, or with a damaged file, the text is generated each time.
+    Files are written atomically, so other processes never read an incomplete one.
     """
     key = hashlib.sha256()
     for part in made_of:
@@ -59,7 +59,7 @@ def _digest(text: str) -> str:
 
 
 _ONE_AT_A_TIME = threading.Lock()
-"""xacro keeps its state in global variables."""
+"""Lock for xacro, which keeps its state in global variables."""
 
 
 def urdf(robot_model: str, **arguments: str) -> str:

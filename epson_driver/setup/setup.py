@@ -33,7 +33,7 @@ NOT_WIRED = [-1, -1]
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything needed to create a driver. `configuration` is fixed, the rest follows `values`.
+    """The settings of a driver, with the objects that are made of them.
 
     values: all settings by name. Call `apply` after changing settings that may change at any time.
     model: with the requested joint names. gripper: None without one.
@@ -86,7 +86,7 @@ class Setup:
         )
 
     def tolerances(self, kind: str) -> Tolerances:
-        """Return the tolerances of constraints.<joint>.`kind`. 0 disables the check."""
+        """Return the tolerances constraints.<joint>.`kind`, goal or trajectory. 0 is no limit."""
         names = self.model.joint_names
         given = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
         return Tolerances(np.where(given > 0.0, given, np.inf), np.full(len(names), np.inf))
@@ -94,13 +94,13 @@ class Setup:
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
     ) -> tuple[Trajectory, Callable[[StatementDelivery], str]]:
-        """Return the straight trajectory in joint space, and a function that writes its statement.
+        """Return the straight trajectory in joint space, and a function for its SPEL+ statement.
 
         start, target: shape (n,), rad (m). speed, acceleration: fractions of the limits, (0, 1].
         """
         limits = self.model.limits
-        way = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
-        return way, lambda moves: moves.joints(target, speed, acceleration)
+        path = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
+        return path, lambda moves: moves.joints(target, speed, acceleration)
 
     def goal(self, trajectory: Trajectory, statement: str | None = None) -> Goal:
         """Return the goal of a trajectory, with the tolerances of the settings.
@@ -143,7 +143,7 @@ def make_setup(given: Mapping[str, Any]) -> Setup:
     """Return the setup for values of the settings by name, each already checked.
 
     The controller's profile, the robot model and the table provide the defaults. Raises ValueError
-    for incompatible values, FileNotFoundError with the available profiles or models.
+    if values are incompatible, FileNotFoundError if there is no such profile or model.
     """
     values = {row.name: row.default for row in TABLE} | {**given}
     profile = load_controller_profile(values['controller'])

@@ -48,7 +48,10 @@ NAME_OR_FILE = is_a(str, 'must be a name or a path')
 
 @dataclass(frozen=True)
 class Row:
-    """One setting, limited by `choices` or `low`…`high`. `now`: it may change at any time."""
+    """One setting. Its values are `choices`, or from `low` to `high`, or those of `rule`.
+
+    now: it may change while the driver runs.
+    """
 
     name: str
     default: Any
@@ -58,7 +61,7 @@ class Row:
     choices: tuple[str, ...] = ()
     now: bool = False
     rule: Rule | None = None
-    """Additional check of the value at the start."""
+    """Rule for the value, instead of `choices` or a range."""
     unit: str = ''
     """Appended to the description. 1 marks a ratio."""
 
@@ -445,6 +448,6 @@ def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
 
 
 EACH_JOINT = '<joint>'
-"""Placeholder for each joint's name."""
+"""Placeholder for a joint's name, in the settings that every joint has."""
 
 ROWS = {row.name: row for row in (*TABLE, *joint_rows(EACH_JOINT))}
