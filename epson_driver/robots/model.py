@@ -221,7 +221,7 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
-    """Convert joint values from degrees and mm to rad and m, shape (n, …), rounded as in urdf/."""
+    """Convert joint values from degrees and mm to rad and m, shape (n, …), as urdf/ does."""
     turns = np.array([item != PRISMATIC for item in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 
