@@ -37,13 +37,13 @@ _MAX_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
 def seconds(task: Task, time: float) -> float:
-    """Return the time that the controller waits: whole ticks, rounded up."""
+    """Return a waiting time, s, rounded up to whole ticks of the controller."""
     tick = task.world.timing.granularity
     return math.ceil(time / tick - 1e-9) * tick if tick else time
 
 
 def within(name: str, number: int, least: int, most: int) -> int:
-    """Return the number. Raises SpelError if it is out of range."""
+    """Return `number`. Raises SpelError if it is not between `least` and `most`."""
     if not least <= number <= most:
         raise bad(name, f'{shown(number)} is not in {least}..{most}')
     return number
@@ -58,7 +58,7 @@ def wait(task: Task, time: float) -> None:
 
 
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
-    """Wait condition[, s]: TW returns whether the time ran out. With TMOut this is an error."""
+    """Wait condition[, s]: TW returns whether it timed out. A timeout of TMOut is an error."""
     limit = task.default_timeout if time is None else seconds(task, time)
 
     def after(timed_out: bool) -> None:
@@ -88,7 +88,7 @@ def signal(task: Task, number: int) -> None:
 
 
 def sync_lock(task: Task, number: int, time: float | None = None) -> None:
-    """SyncLock n[, s]."""
+    """SyncLock n[, s]: lock n for this task, once no other task holds the lock."""
     number = nearest(number)
     locks = task.world.locks
     if locks.get(number) == task.number:
@@ -111,12 +111,12 @@ def sync_unlock(task: Task, number: int) -> None:
 
 
 def reset_timer(task: Task, number: int) -> None:
-    """TmReset n."""
+    """TmReset n: restart timer n at 0."""
     task.world.timers[nearest(number)] = task.world.time
 
 
 def reset_elapsed_time(task: Task) -> None:
-    """ResetElapsedTime."""
+    """ResetElapsedTime: restart ElapsedTime at 0."""
     task.world.elapsed_from = task.world.time
 
 
@@ -149,12 +149,12 @@ def quit_task(task: Task, which: int | str | None) -> None:
 
 
 def halt(task: Task, which: int | str | None) -> None:
-    """Halt n."""
+    """Halt n: suspend a task until Resume."""
     _other(task, which or task.number).halted = True
 
 
 def resume(task: Task, which: int | str | None) -> None:
-    """Resume n."""
+    """Resume n: continue a halted task."""
     _other(task, which or task.number).halted = False
 
 
@@ -198,7 +198,7 @@ def continue_all(task: Task) -> None:
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:
-    """Error [task,] n."""
+    """Error [task,] n: raise error n in this task, or in another one."""
     if second is None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))
@@ -218,10 +218,10 @@ def set_trap(
     target: Linked | int | None,
     action: str,
 ) -> None:
-    """Trap n, condition … or Trap event Xqt f, disarmed without a target.
+    """Trap n, condition … or Trap event Xqt f. Without a target, disarm the Trap.
 
-    GoTo and Call end the current statement of the task. With Call the task waits for the end of
-    the function, with Xqt it continues.
+    GoTo and Call interrupt the current statement of the task. After Call, the task waits until the
+    function has ended. Xqt starts the function beside the task.
     """
     task.may('trap')
     world = task.world
@@ -237,7 +237,7 @@ def set_trap(
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:
-    """Till, Find, Sense with a condition: for later motions that name them without one."""
+    """Till, Find or Sense with a condition, for later motions that use the word alone."""
     task.may(name)
     task.world.conditions[name] = test
 
@@ -255,7 +255,9 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
         raise SpelError(ErrorNumber.TASK_TYPE, text)
 
 
-def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[..., None]:
+def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable[..., None]:
+    """Return a statement that switches a bit to `switch`, or that writes a number."""
+
     def one(
         task: Task,
         index: float,
@@ -264,7 +266,7 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
         words: tuple[str, ...] = (),
     ) -> None:
         _may_write(task, name, memory, words)
-        host, bit, number = task.world.host, value or 0, nearest(index)
+        host, bit, number = task.world.host, switch or 0, nearest(index)
         host.write_bits(memory, number, width, bit)
         if time is None:
             return
@@ -278,23 +280,23 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
         else:
             task.wait(duration, after=after)
 
-    def many(task: Task, index: float, given: float, words: tuple[str, ...] = ()) -> None:
+    def many(task: Task, index: float, value: float, words: tuple[str, ...] = ()) -> None:
         _may_write(task, name, memory, words)
-        wanted = nearest(given) & ((1 << width) - 1)
-        task.world.host.write_bits(memory, nearest(index), width, wanted)
+        bits = nearest(value) & ((1 << width) - 1)
+        task.world.host.write_bits(memory, nearest(index), width, bits)
 
-    return many if value is None else one
+    return many if switch is None else one
 
 
-def _decimal_out(task: Task, port: float, given: float, words: tuple[str, ...] = ()) -> None:
+def _decimal_out(task: Task, port: float, value: float, words: tuple[str, ...] = ()) -> None:
     """OpBCD port, 0 to 99."""
     _may_write(task, 'OpBCD', Memory.OUTPUT, words)
-    tens, ones = divmod(nearest(given), 10)
+    tens, ones = divmod(nearest(value), 10)
     task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, tens << 4 | ones)
 
 
 def reset_counter(task: Task, bit: float) -> None:
-    """CTReset bit: start to count the input from 0."""
+    """CTReset bit: restart the counter of an input at 0."""
     counters, number = task.world.counters, nearest(bit)
     if number not in counters and len(counters) == _MAX_COUNTERS:
         raise bad('CTReset', f'{_MAX_COUNTERS} inputs are already counted')
@@ -311,7 +313,7 @@ def message_box(
     title: str | None = None,
     answer: Reference | None = None,
 ) -> None:
-    """MsgBox text, buttons, title, answer."""
+    """MsgBox text, buttons, title, answer: wait for a button."""
     world, caller = task.world, task.caller
     pressed: list[int] = []
 
@@ -338,7 +340,7 @@ def print_terminal(task: Task, text: str) -> None:
 
 
 def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Store a line that was read: unchanged, or its values separated by commas or spaces."""
+    """Store an input line in variables: as a whole, or split at commas and spaces."""
     if whole:
         parts = [line]
     elif len(targets) == 1 and TYPES[targets[0][2]].kind == STRING:
@@ -354,7 +356,7 @@ def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> N
 
 
 def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Input from the terminal."""
+    """Input and Line Input from the terminal."""
     typed: list[str] = []
 
     def asked() -> bool:
@@ -398,12 +400,12 @@ def set_point(task: Task, number: int, point: Point) -> None:
 
 
 def define_pallet(
-    task: Task, number: int, *given: Point | int, words: tuple[str, ...] = ()
+    task: Task, number: int, *arguments: Point | int, words: tuple[str, ...] = ()
 ) -> None:
     """Pallet n, P1, P2, P3[, P4], columns, rows."""
     world = task.world
-    corners = tuple(world.host.stored_point(item) for item in given if isinstance(item, Point))
-    columns, rows = (item for item in given if not isinstance(item, Point))
+    corners = tuple(world.host.stored_point(item) for item in arguments if isinstance(item, Point))
+    columns, rows = (item for item in arguments if not isinstance(item, Point))
     world.pallets[number] = new_pallet(corners, columns, rows, 'outside' in words)
 
 

@@ -15,7 +15,7 @@ from epson_driver.spel.values import Point
 
 
 def timer(task: Task, number: int) -> float:
-    """Return Tmr: seconds since TmReset, or since the start, in milliseconds."""
+    """Return Tmr: the time since TmReset, or since the start, s, rounded to 1 ms."""
     started = task.world.timers.get(number, 0.0)
     return round(task.world.time - started, 3)
 
@@ -46,7 +46,7 @@ def _place(task: Task, number: int, position: int, row: int | None = None) -> Po
 
 
 def task_state(task: Task, which: int | str) -> int:
-    """Return TaskState."""
+    """Return TaskState of a task by its number or function name."""
     result = task.world.task(which)
     if result is not None:
         return result.state
@@ -79,7 +79,7 @@ def _error(task: Task, which: int | str | None) -> TaskError | None:
 
 
 def _of_error(read: Callable[[TaskError], Any], blank: int | str) -> Callable[..., Any]:
-    """Return a function of a task's last error, or `blank` without an error."""
+    """Return a function that reads a task's last error. Without an error it returns `blank`."""
 
     def ask(task: Task, which: int | str | None = None) -> Any:
         error = _error(task, which)

@@ -10,15 +10,15 @@ from epson_driver.spel.syntax import Declare, File, Parameter
 from epson_driver.spel.values import Value
 
 WAITING = -1
-"""Return value of an instruction after which the task continues: a call, a wait or an end."""
+"""Return value of an instruction that calls, waits or ends: the task decides how to continue."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
     """A variable: its storage, its type, and its bounds if it is an array.
 
-    `place` 'v' is a slot of the function's frame, 'g' a slot of the program. `by_reference`: the
-    slot contains (list, index) of the caller's variable, or the caller's array.
+    `place` is 'v' for a slot of the function's frame, 'g' for a slot of the program. The slot of a
+    `by_reference` contains (list, index) of the caller's variable, or the caller's array.
     """
 
     name: str
@@ -36,8 +36,9 @@ class Variable:
 class FunctionCode:
     """A function. `source` has one Python function per instruction, named o<index>_<pc>.
 
-    `following` contains the next instruction of each. Instructions in `passed_over` are only jumps
-    at the end of a branch, so a jump to one of them continues at its target.
+    The other lists have an entry for each instruction: `lines` its position, `starts` the first
+    instruction of its statement, `following` the next instruction. Instructions in `passed_over`
+    only jump to the end of an If or Select: a jump to one of them goes to its target.
     """
 
     name: str

@@ -137,7 +137,10 @@ SHOWN = {
     **dict.fromkeys(('accel', 'accels'), (1, 2, 3, 4, 5, 6)),
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
-"""Statements that display values without an argument: arguments of the displayed function."""
+"""Statements that display values if they have no argument.
+
+The values are those of the function with the same name and these arguments.
+"""
 
 
 def _rules() -> Iterator[CommandRule]:

@@ -66,7 +66,10 @@ MOTION_VALUES: dict[str, dict[str, tuple[str, ...]]] = {
     'jump3cp': {'ppp': ()},
     'jumptlz': {'pn': ('tlz',)},
 }  # fmt: skip
-"""Points (p) and numbers (n) of a motion, and the names of the numbers. Others take a point."""
+"""Arguments of a motion as points (p) and numbers (n), and names of the numbers.
+
+Motions that are not listed take one point.
+"""
 
 _MARK = re.compile('\x01([0-9]+)\x01')
 _WAITING = f'return {WAITING}'
@@ -169,7 +172,7 @@ class Compiler:
         return self._to(mark) if self._labels else '0'
 
     def _begin(self) -> None:
-        """Start a statement. EResume returns to it."""
+        """Mark the next instruction as the start of a statement, where EResume continues."""
         self._start = len(self._code.source)
 
     def _emit(self, body: str) -> None:
@@ -194,7 +197,7 @@ class Compiler:
         self._emit(f'return {self._to(mark)}')
 
     def _leave_block(self, body: Block, end: int) -> None:
-        """Jump to the end of the If or Select, unless the body's last statement jumps."""
+        """Add the jump from a branch to the end of its If or Select, unless it jumps itself."""
         if body and isinstance(body[-1], Exit | Return | EResume):
             return
         self._begin()
@@ -216,9 +219,9 @@ class Compiler:
 
     def _user_call(self, name: str, arguments: tuple[Argument, ...], at: Position) -> int:
         code = self._codes[name.lower()]
-        given = self._expressions.parameters(code.name, code.parameters, arguments, at)
+        passed = self._expressions.parameters(code.name, code.parameters, arguments, at)
         slot = self._slot()
-        self._suspend(f'v[0].call(F[{code.index}], [{given}], {slot})')
+        self._suspend(f'v[0].call(F[{code.index}], [{passed}], {slot})')
         return slot
 
     def _evaluation(self, text: str, reply: str = 'None') -> int:
@@ -258,31 +261,33 @@ class Compiler:
     @_statement.register
     def _(self, statement: Assign) -> None:
         target = statement.target
-        made = self._expressions
+        expressions = self._expressions
         if self._scope.variable(target.name) is None:
-            point = made.point_number(target.name) if isinstance(target, Name) else None
+            point = expressions.point_number(target.name) if isinstance(target, Name) else None
             if point is not None:
                 number, kind = point, POINT
             elif isinstance(target, Apply) and target.name.lower() == 'p':
-                number, kind = made.whole(target.arguments[0].value), POINT
+                number, kind = expressions.whole(target.arguments[0].value), POINT
             elif isinstance(target, Apply) and target.name.lower() == 'plocal':
-                number = made.which_point(target.arguments[0].value)
-                self._fall_through(f's_plocal(v[0], {number}, {made.whole(statement.value)})')
+                number = expressions.which_point(target.arguments[0].value)
+                self._fall_through(
+                    f's_plocal(v[0], {number}, {expressions.whole(statement.value)})'
+                )
                 return
             elif isinstance(target, Apply) and target.name.lower() in COORDINATES:
-                number = made.which_point(target.arguments[0].value)
-                value = made.number(statement.value).text
+                number = expressions.which_point(target.arguments[0].value)
+                value = expressions.number(statement.value).text
                 axis = target.name[-1].lower()
                 self._fall_through(f's_coordinate(v[0], {number}, {axis!r}, {value})')
                 return
             else:
                 kind = ''
             if kind == POINT:
-                value = made.point(statement.value)
+                value = expressions.point(statement.value)
                 self._fall_through(f'set_point(v[0], {number}, {value})')
                 return
-        place, type_name = made.place(target)
-        self._fall_through(f'{place} = {made.as_type(statement.value, type_name)}')
+        place, type_name = expressions.place(target)
+        self._fall_through(f'{place} = {expressions.as_type(statement.value, type_name)}')
 
     @_statement.register
     def _(self, statement: If) -> None:
@@ -301,8 +306,8 @@ class Compiler:
 
     @_statement.register
     def _(self, statement: Select) -> None:
-        made = self._expressions
-        subject = made.value(statement.subject)
+        expressions = self._expressions
+        subject = expressions.value(statement.subject)
         if subject.kind == POINT:
             raise SyntaxProblem(statement.at, 'Select does not take points', 'type')
         slot = self._slot()
@@ -313,7 +318,7 @@ class Compiler:
             for item in items:
                 self._at = item.value.at
                 self._begin()
-                value = made.value(item.value)
+                value = expressions.value(item.value)
                 if (value.kind in NUMBERS) != (subject.kind in NUMBERS):
                     raise SyntaxProblem(self._at, 'Case and Select have different types', 'type')
                 if value.kind == STRING and item.operator not in ('=', '<>'):
@@ -356,14 +361,14 @@ class Compiler:
 
     @_statement.register
     def _(self, statement: For) -> None:
-        made = self._expressions
-        place, type_name = made.place(statement.variable)
+        expressions = self._expressions
+        place, type_name = expressions.place(statement.variable)
         if TYPES[type_name].kind == STRING:
             raise SyntaxProblem(statement.at, 'For needs a variable that is a number', 'type')
         last, step = self._slot(), self._slot()
-        first = made.as_type(statement.first, type_name)
-        limit = made.number(statement.last).text
-        by = made.number(statement.step).text if statement.step is not None else '1'
+        first = expressions.as_type(statement.first, type_name)
+        limit = expressions.number(statement.last).text
+        by = expressions.number(statement.step).text if statement.step is not None else '1'
         self._fall_through(f'{place} = {first}\nv[{last}] = {limit}\nv[{step}] = {by}')
         top, inside, end = self._mark(), self._mark(), self._mark()
         self._set(top)
@@ -377,7 +382,7 @@ class Compiler:
         self._leaves.pop()
         self._at = statement.at
         self._begin()
-        name = made.temporary()
+        name = expressions.temporary()
         self._emit(
             f'{name} = store({place} + v[{step}], {type_name!r}, WHOLE)\n'
             f'{place} = {name}\nreturn {self._to(top)}'
@@ -450,13 +455,13 @@ class Compiler:
             '@plane': 'ii'[: 1 + count % 2] + 'ppp',
             '@pallet': 'i' + 'p' * (count - 3) + 'ii',
         }.get(rule.form, '')
-        given = []
+        codes = []
         for number, argument in enumerate(statement.arguments):
             kind = kinds[number] if kinds else _form_kind(rule.form, number)
-            given.append(
+            codes.append(
                 'None' if argument is None else self._argument(rule, number, argument, kind)
             )
-        values = ''.join(f'{code}, ' for code in given)
+        values = ''.join(f'{code}, ' for code in codes)
         if rule.robot:
             self._suspend(f'v[0].command({rule.name.lower()!r}, ({values}), {statement.words!r})')
         else:
@@ -464,56 +469,57 @@ class Compiler:
             self._suspend(f's_{rule.name.lower()}(v[0], {values.rstrip(", ")}{words})')
 
     def _argument(self, rule: CommandRule, place: int, argument: Expression, kind: str) -> str:
-        made = self._expressions
+        expressions = self._expressions
         if kind == 'v':
-            return made.taker(argument)[0]
+            return expressions.taker(argument)[0]
         if kind == 'a':
-            return made.array(Argument(argument))[0]
+            return expressions.array(Argument(argument))[0]
         if kind == 's':
-            return made.string(argument)
+            return expressions.string(argument)
         if kind == 'p':
-            return made.point(argument)
+            return expressions.point(argument)
         if kind == 'x':
-            return made.text_or_number(argument)
+            return expressions.text_or_number(argument)
         if kind == 'q':
-            code = made.which_point(argument)
+            code = expressions.which_point(argument)
         else:
-            code = made.whole(argument) if kind == 'i' else made.number(argument).text
-        return made.ranged(rule.name, rule.name.lower(), place, argument, code)
+            code = (
+                expressions.whole(argument) if kind == 'i' else expressions.number(argument).text
+            )
+        return expressions.ranged(rule.name, rule.name.lower(), place, argument, code)
 
     @_statement.register
     def _(self, statement: Print) -> None:
-        made = self._expressions
+        expressions = self._expressions
         items = []
         for item in statement.items:
-            code = made.value(item)
+            code = expressions.value(item)
             items.append(f'({code.text}, {code.kind!r}), ')
-        port = 'None' if statement.port is None else made.whole(statement.port)
+        port = 'None' if statement.port is None else expressions.whole(statement.port)
         self._suspend(f's_print(v[0], {port}, ({"".join(items)}), {statement.line})')
 
     @_statement.register
     def _(self, statement: Input) -> None:
-        made = self._expressions
+        expressions = self._expressions
         targets = []
         for target in statement.targets:
-            taker, type_name = made.taker(target)
+            taker, type_name = expressions.taker(target)
             if statement.whole_line and TYPES[type_name].kind != STRING:
                 raise SyntaxProblem(target.at, 'Line Input needs a string', 'type')
             targets.append(f'{taker}, ')
-        port = 'None' if statement.port is None else made.whole(statement.port)
-        given = f'{port}, ({"".join(targets)}), {statement.whole_line}'
-        self._suspend(f's_input(v[0], {given})')
+        port = 'None' if statement.port is None else expressions.whole(statement.port)
+        self._suspend(f's_input(v[0], {port}, ({"".join(targets)}), {statement.whole_line})')
 
     @_statement.register
     def _(self, statement: Transfer) -> None:
-        made = self._expressions
+        expressions = self._expressions
         name = statement.name.lower()
         value = statement.value.value
-        port = made.whole(statement.port)
-        count = 'None' if statement.count is None else made.whole(statement.count)
+        port = expressions.whole(statement.port)
+        count = 'None' if statement.count is None else expressions.whole(statement.count)
         variable = self._scope.variable(value.name) if isinstance(value, Name) else None
         if statement.value.whole_array or (variable is not None and variable.array):
-            code, type_name = made.array(statement.value)
+            code, type_name = expressions.array(statement.value)
             if TYPES[type_name].kind != INT or not name.endswith('bin'):
                 raise SyntaxProblem(
                     statement.at, f'{statement.name} cannot use this array', 'type'
@@ -521,13 +527,13 @@ class Compiler:
             if statement.count is None:
                 raise SyntaxProblem(statement.at, 'an array needs its number of elements')
         elif name == 'write':
-            code = made.string(value)
+            code = expressions.string(value)
         elif name == 'writebin':
-            code = made.whole(value)
+            code = expressions.whole(value)
         else:
-            code, type_name = made.taker(value)
-            wanted = STRING if name == 'read' else INT
-            if TYPES[type_name].kind != wanted:
+            code, type_name = expressions.taker(value)
+            kind = STRING if name == 'read' else INT
+            if TYPES[type_name].kind != kind:
                 what = 'a string' if name == 'read' else 'a whole number or an array of them'
                 raise SyntaxProblem(value.at, f'{statement.name} needs {what}', 'type')
         self._suspend(f's_{name}(v[0], {port}, {code}, {count})')
@@ -542,24 +548,26 @@ class Compiler:
             if argument.by_reference and not argument.whole_array:
                 text = 'Xqt passes values: no ByRef'
                 raise SyntaxProblem(statement.at, text, 'type')
-        made = self._expressions
-        given = made.parameters(code.name, code.parameters, statement.arguments, statement.at)
-        number = '0' if statement.number is None else made.whole(statement.number)
+        expressions = self._expressions
+        passed = expressions.parameters(
+            code.name, code.parameters, statement.arguments, statement.at
+        )
+        number = '0' if statement.number is None else expressions.whole(statement.number)
         kind = int(TASK_TYPE_WORDS[statement.type])
-        self._fall_through(f'v[0].xqt({number}, F[{code.index}], [{given}], {kind})')
+        self._fall_through(f'v[0].xqt({number}, F[{code.index}], [{passed}], {kind})')
 
     @_statement.register
     def _(self, statement: TaskCommand) -> None:
         task = repr(statement.function.lower()) if statement.function else 'None'
         if statement.task is not None:
-            made, name = self._expressions, statement.name
-            code = made.whole(statement.task)
-            task = made.ranged(name, name.lower(), 0, statement.task, code)
+            expressions, name = self._expressions, statement.name
+            code = expressions.whole(statement.task)
+            task = expressions.ranged(name, name.lower(), 0, statement.task, code)
         self._suspend(f's_{statement.name.lower()}(v[0], {task})')
 
     @_statement.register
     def _(self, statement: Wait) -> None:
-        made = self._expressions
+        expressions = self._expressions
         what = statement.condition
         if what is None or not is_condition(what, self._scope):
             if what is None or statement.time is not None:
@@ -567,13 +575,13 @@ class Compiler:
                 raise SyntaxProblem(statement.at, text, 'wait-condition')
             self._suspend(f's_wait(v[0], {self._time(what)})')
             return
-        before, test = condition(what, made)
+        before, test = condition(what, expressions)
         time = 'None' if statement.time is None else self._time(statement.time)
         self._suspend(f'{before}s_waitcondition(v[0], lambda: {test}, {time})')
 
-    def _time(self, given: Expression) -> str:
-        made = self._expressions
-        return made.ranged('Wait', 'wait', 0, given, made.number(given).text)
+    def _time(self, time: Expression) -> str:
+        expressions = self._expressions
+        return expressions.ranged('Wait', 'wait', 0, time, expressions.number(time).text)
 
     @_statement.register
     def _(self, statement: Store) -> None:
@@ -582,11 +590,11 @@ class Compiler:
 
     @_statement.register
     def _(self, statement: Trap) -> None:
-        made = self._expressions
-        number = 'None' if statement.number is None else made.whole(statement.number)
+        expressions = self._expressions
+        number = 'None' if statement.number is None else expressions.whole(statement.number)
         before, test = '', 'None'
         if statement.condition is not None:
-            before, test = condition(statement.condition, made)
+            before, test = condition(statement.condition, expressions)
             test = f'lambda: {test}'
         if statement.action == 'goto':
             target = self._label(statement.target, statement.at)
@@ -608,15 +616,15 @@ class Compiler:
                 text += 'a function of Trap Error up to three Integers'
                 raise SyntaxProblem(statement.at, text, 'arguments')
         target = 'None' if code is None else f'F[{code.index}]'
-        given = f'{statement.event!r}, {number}, {test}, {target}, {statement.action!r}'
-        self._fall_through(f'{before}s_trap(v[0], {given})')
+        arguments = f'{statement.event!r}, {number}, {test}, {target}, {statement.action!r}'
+        self._fall_through(f'{before}s_trap(v[0], {arguments})')
 
     @_statement.register
     def _(self, statement: Redim) -> None:
-        made = self._expressions
+        expressions = self._expressions
         variable = self._scope.variable(statement.name)
         name = Name(statement.name, statement.at)
-        code, _ = made.array(Argument(name, whole_array=True))
+        code, _ = expressions.array(Argument(name, whole_array=True))
         assert variable is not None  # noqa: S101 - array() has refused that
         if not variable.bounds:
             text = f'{statement.name} is ByRef: Redim cannot change it'
@@ -624,28 +632,28 @@ class Compiler:
         if len(variable.bounds) != len(statement.bounds):
             text = f'Redim cannot change the number of dimensions of {statement.name}'
             raise SyntaxProblem(statement.at, text, 'type')
-        bounds = ''.join(f'{made.whole(bound)}, ' for bound in statement.bounds)
+        bounds = ''.join(f'{expressions.whole(bound)}, ' for bound in statement.bounds)
         shared = variable.place == 'g'
         self._fall_through(f's_redim(v[0], {code}, ({bounds}), {statement.preserve}, {shared})')
 
     @_statement.register
     def _(self, statement: Motion) -> None:
-        made = self._expressions
+        expressions = self._expressions
         name = statement.name.lower()
         points, numbers = self._motion_values(statement)
         for word in {'ecp', 'sync'}.intersection(statement.words):
-            made.note_stub(f'{statement.name} … {word.upper()}', statement.at)
+            expressions.note_stub(f'{statement.name} … {word.upper()}', statement.at)
         before, modifiers = '', f'cp={statement.cp}'
         for name_of in ('till', 'find', 'sense'):
-            given = getattr(statement, name_of)
-            if given is True:
+            value = getattr(statement, name_of)
+            if value is True:
                 modifiers += f', {name_of}=v[0].stored({name_of!r})'
-            elif given:
-                more, test = condition(given, made)
+            elif value:
+                more, test = condition(value, expressions)
                 before += more
                 modifiers += f', {name_of}=lambda: {test}'
         for kind, value in statement.numbers:
-            code = made.ranged(kind.upper(), kind, 0, value, made.number(value).text)
+            code = expressions.ranged(kind.upper(), kind, 0, value, expressions.number(value).text)
             numbers += f'{kind!r}: {code}, '
         beside = self._beside(statement) if statement.parallel else 'None'
         self._suspend(
@@ -655,16 +663,16 @@ class Compiler:
 
     def _motion_values(self, motion: Motion) -> tuple[str, str]:
         """Return the code of a motion's points, with its end last, and of its numbers."""
-        made, name = self._expressions, motion.name.lower()
+        expressions, name = self._expressions, motion.name.lower()
         if name == 'pulse':
-            values = ''.join(f'{made.number(item).text}, ' for item in motion.points)
+            values = ''.join(f'{expressions.number(item).text}, ' for item in motion.points)
             return f'f_pulse({values}), ', ''
         forms = MOTION_VALUES.get(name, {'p': ()})
         if name == 'pass':
             forms = {'p' * len(motion.points): ()}
         if len(motion.points) == 1 and 'p' in forms:
-            return f'{made.point(motion.points[0])}, ', ''
-        codes = [made.point_or_number(item) for item in motion.points]
+            return f'{expressions.point(motion.points[0])}, ', ''
+        codes = [expressions.point_or_number(item) for item in motion.points]
         shape = ''.join('p' if code.kind == POINT else 'n' for code in codes)
         if shape not in forms:
             text = f'{motion.name} takes {" or ".join(_spelled(form) for form in forms)}'
@@ -677,13 +685,13 @@ class Compiler:
         return ''.join(f'{point}, ' for point in points), numbers
 
     def _beside(self, motion: Motion) -> str:
-        """Add the instructions of !…!, which the motion skips, and return their start."""
+        """Add the instructions of !…!, with a jump over them, and return their start."""
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()
         self._jump(behind)
         self._set(inside)
         if motion.name.lower().startswith('jump'):  # after the rise (p57)
-            self._suspend('v[0].wait_share(0)')
+            self._suspend('v[0].wait_fraction(0)')
         self._block(motion.parallel)
         self._suspend('v[0].leave()')
         self._set(behind)
@@ -692,27 +700,27 @@ class Compiler:
 
     @_statement.register
     def _(self, statement: Share) -> None:
-        made, given = self._expressions, statement.percent
-        code = made.ranged('D', 'd', 0, given, made.number(given).text)
-        self._suspend(f'v[0].wait_share({code})')
+        expressions, percent = self._expressions, statement.percent
+        code = expressions.ranged('D', 'd', 0, percent, expressions.number(percent).text)
+        self._suspend(f'v[0].wait_fraction({code})')
 
     @_statement.register
     def _(self, statement: Stub) -> None:
-        made = self._expressions
-        given = [self._stub_argument(argument) for argument in statement.arguments]
-        given += [made.stub_argument(argument) for argument in statement.indices]
-        made.note_stub(statement.name, statement.at)
-        self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{item}, " for item in given)}))')
+        expressions = self._expressions
+        codes = [self._stub_argument(argument) for argument in statement.arguments]
+        codes += [expressions.stub_argument(argument) for argument in statement.indices]
+        expressions.note_stub(statement.name, statement.at)
+        self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{item}, " for item in codes)}))')
 
     def _stub_argument(self, argument: Argument) -> str:
         """Return a variable by reference, because the answer may be stored in it, or a value."""
-        made, value = self._expressions, argument.value
+        expressions, value = self._expressions, argument.value
         variable = self._scope.variable(value.name) if isinstance(value, Name | Apply) else None
         if variable is None:
-            return made.stub_argument(argument)
+            return expressions.stub_argument(argument)
         if variable.array and isinstance(value, Name):
-            return made.array(argument)[0]
-        return made.taker(value)[0]
+            return expressions.array(argument)[0]
+        return expressions.taker(value)[0]
 
 
 def _spelled(shape: str) -> str:
@@ -728,7 +736,7 @@ def _gives_value(function: Function) -> bool:
 
 
 def _form_kind(form: str, number: int) -> str:
-    """Return the kind of an argument from the table: 'n', 's', 'p', 'a' or 'v'."""
+    """Return the kind of an argument in a form of commands.py, such as 'n' or 's'."""
     if form.startswith('@'):
         return 'n'
     kinds = [kind for kind in form.split(',') if not kind.startswith('w(')]

@@ -30,42 +30,43 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
     return False
 
 
-def condition(expression: Expression, made: Expressions) -> tuple[str, str]:
-    """Return the Python lines that run once, and the test. Raises SyntaxProblem."""
+def condition(expression: Expression, expressions: Expressions) -> tuple[str, str]:
+    """Return the code of a condition: lines that run once when it is armed, and its test."""
     before: list[str] = []
-    test = _test(expression, made, before)
+    test = _test(expression, expressions, before)
     return ''.join(f'{line}\n' for line in before), test
 
 
-def _test(expression: Expression, made: Expressions, before: list[str]) -> str:
+def _test(expression: Expression, expressions: Expressions, before: list[str]) -> str:
     if isinstance(expression, Binary) and expression.operator in _JOIN:
-        left = _test(expression.left, made, before)
-        right = _test(expression.right, made, before)
+        left = _test(expression.left, expressions, before)
+        right = _test(expression.right, expressions, before)
         if expression.operator == 'xor':
             return f'(bool({left}) != bool({right}))'
         return f'({left} {_JOIN[expression.operator]} {right})'
     if isinstance(expression, Unary) and expression.operator == 'not':
-        return f'(not {_test(expression.operand, made, before)})'
+        return f'(not {_test(expression.operand, expressions, before)})'
     if isinstance(expression, Binary) and expression.operator in _COMPARE:
-        expression = against_true(expression, made.scope)
-        left = _event(expression.left, made, before)
-        return f'({left} {_COMPARE[expression.operator]} {_once(expression.right, made, before)})'
-    return _event(expression, made, before)
+        expression = against_true(expression, expressions.scope)
+        left = _event(expression.left, expressions, before)
+        right = _once(expression.right, expressions, before)
+        return f'({left} {_COMPARE[expression.operator]} {right})'
+    return _event(expression, expressions, before)
 
 
-def _once(expression: Expression, made: Expressions, before: list[str]) -> str:
-    """Add the single evaluation of a whole number and return the name of its value."""
-    name = made.temporary()
-    before.append(f'{name} = {made.whole(expression)}')
+def _once(expression: Expression, expressions: Expressions, before: list[str]) -> str:
+    """Add the code that evaluates a whole number once, and return the name of its value."""
+    name = expressions.temporary()
+    before.append(f'{name} = {expressions.whole(expression)}')
     return name
 
 
-def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
+def _event(expression: Expression, expressions: Expressions, before: list[str]) -> str:
     if isinstance(expression, Binary) and expression.operator == 'mask':
-        left = _event(expression.left, made, before)
-        return f'({left} & {_once(expression.right, made, before)})'
+        left = _event(expression.left, expressions, before)
+        return f'({left} & {_once(expression.right, expressions, before)})'
     if isinstance(expression, Name | Apply):
-        variable = made.scope.variable(expression.name)
+        variable = expressions.scope.variable(expression.name)
         if variable is not None:
             wrong = ''
             if variable.place != 'g':
@@ -77,18 +78,19 @@ def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
             if wrong:
                 text = f'{expression.name} {wrong}: a condition takes whole Global or module '
                 raise SyntaxProblem(expression.at, f'{text}variables only', 'wait-condition')
-            return made.read(variable).text
+            return expressions.read(variable).text
         rule = FUNCTIONS.get(expression.name.lower())
         if rule is not None and rule.event:
             if isinstance(expression, Name):
-                return made.value(expression).text
+                return expressions.value(expression).text
             check_count(rule, expression.arguments, expression.at)
-            given = [_once(argument.value, made, before) for argument in expression.arguments]
-            arguments = ', '.join(given)
+            arguments = ', '.join(
+                _once(argument.value, expressions, before) for argument in expression.arguments
+            )
             if rule.by == 'task':
                 return f't_{rule.name.lower()}(v[0], {arguments})'
             return f'v[0].value({rule.name.lower()!r}, ({arguments},))'
         if rule is None and is_a('function', expression.name):
-            return made.value(expression).text
+            return expressions.value(expression).text
     text = 'a condition takes inputs, outputs, memory, states and whole global variables only'
     raise SyntaxProblem(expression.at, text, 'wait-condition')

@@ -156,7 +156,7 @@ class TaskError:
         return f'{self._line}: error {self.number} in {self.function} (task {self.task}): {text}'
 
     @property
-    def told(self) -> str:
+    def details(self) -> str:
         """Return text, file, line and function, for messages that already contain the number."""
         return f'{printable(self.text)}, at {self._line} in {self.function} (task {self.task})'
 

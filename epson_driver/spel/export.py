@@ -146,8 +146,8 @@ def _known(rc: str, block: Block) -> Block:
     if rc[0] != '6':
         return block
     items = (_known(rc, item) if isinstance(item, Block) else item for item in block.items)
-    kept = [item for item in items if isinstance(item, Block) or item[0] not in _SINCE_7]
-    return Block(block.name, kept)
+    known = [item for item in items if isinstance(item, Block) or item[0] not in _SINCE_7]
+    return Block(block.name, known)
 
 
 def _block(name: str, **values: str) -> Block:

@@ -64,7 +64,7 @@ class Code(NamedTuple):
     kind: str
     truth: str = ''
     checked: bool = False
-    """Whether its value is known to fit (a whole number -1 or 0, or a Double from a variable)."""
+    """Whether its value needs no range check: -1 or 0, or a Double or string of a variable."""
 
 
 def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:
@@ -111,12 +111,12 @@ class Expressions:
         """Return the code of a whole number, converted from a real as on assignment."""
         return _rounded(self.number(expression))
 
-    def ranged(self, name: str, key: str, place: int, given: Expression, code: str) -> str:
-        """Return the code of a number, with a range check unless its value is known."""
+    def ranged(self, name: str, key: str, place: int, value: Expression, code: str) -> str:
+        """Return the code of a number, with a range check unless it is a constant in the range."""
         ends = limits(key, place)
         if ends is None or code.startswith("'"):  # a task's function
             return code
-        fixed = constant(given, self.scope.constants)
+        fixed = constant(value, self.scope.constants)
         if isinstance(fixed, int | float) and not outside(key, place, fixed):
             return code
         number, (low, high) = self.temporary(), ends
@@ -134,7 +134,7 @@ class Expressions:
     def point(self, expression: Expression) -> str:
         """Return the code of a point.
 
-        Its label takes precedence over an I/O label of that name.
+        A point label takes precedence over an I/O label with the same name.
         """
         labelled = self._labelled(expression)
         if labelled is not None:
@@ -165,16 +165,16 @@ class Expressions:
 
     def as_type(self, expression: Expression, type_name: str) -> str:
         """Return the code of a value, converted to the type of a variable."""
-        wanted = TYPES[type_name]
+        target = TYPES[type_name]
         fixed = constant(expression, self.scope.constants)
         code = self.value(expression)
-        if (code.kind in NUMBERS) != (wanted.kind in NUMBERS):
+        if (code.kind in NUMBERS) != (target.kind in NUMBERS):
             text = f'{type_word(type_name)} cannot take {_WORDS[code.kind]}'
             raise SyntaxProblem(expression.at, text, 'type')
-        if isinstance(fixed, int) and wanted.kind == INT and type_name != 'boolean':
-            if not wanted.least <= fixed <= wanted.most:
+        if isinstance(fixed, int) and target.kind == INT and type_name != 'boolean':
+            if not target.least <= fixed <= target.most:
                 text = f'{fixed} does not fit {type_word(type_name)}'
-                text += f' ({wanted.least}..{wanted.most})'
+                text += f' ({target.least}..{target.most})'
                 raise SyntaxProblem(expression.at, text, 'overflow')
             return code.text
         self._note(expression, code, type_name)
@@ -182,8 +182,8 @@ class Expressions:
 
     def _note(self, expression: Expression, code: Code, type_name: str) -> None:
         """Add a warning for a value that may change in the conversion."""
-        wanted = TYPES[type_name]
-        if wanted.kind != INT or type_name == 'boolean':
+        target = TYPES[type_name]
+        if target.kind != INT or type_name == 'boolean':
             return
         name = type_word(type_name)
         if code.kind != INT:
@@ -192,13 +192,13 @@ class Expressions:
             self.notes.append(Problem(expression.at, 'real-to-integer', text, warning=True))
         elif isinstance(expression, Name | Apply):
             variable = self.scope.variable(expression.name)
-            if variable is not None and TYPES[variable.type].most > wanted.most:
+            if variable is not None and TYPES[variable.type].most > target.most:
                 text = f'{expression.name} is {type_word(variable.type)} and may not fit {name}'
                 self.notes.append(Problem(expression.at, 'integer-range', text, warning=True))
 
     def _converted(self, code: Code, type_name: str) -> str:
-        wanted = TYPES[type_name]
-        if wanted.kind == STRING:
+        target = TYPES[type_name]
+        if target.kind == STRING:
             if code.checked:
                 return code.text
             name = self.temporary()
@@ -206,13 +206,13 @@ class Expressions:
             return f'({name} if {limit} else LONG({name}))'
         if type_name == 'boolean' and not code.truth:
             return f'(-1 if {code.text} else 0)'
-        if wanted.kind == INT:
+        if target.kind == INT:
             if code.kind == INT and code.checked:
                 return code.text
             name = self.temporary()
-            within = f'{wanted.least} <= ({name} := {_rounded(code)}) <= {wanted.most}'
+            within = f'{target.least} <= ({name} := {_rounded(code)}) <= {target.most}'
             return f'({name} if {within} else OVER({type_name!r}, {name}))'
-        if wanted.kind == SINGLE:
+        if target.kind == SINGLE:
             return f'SINGLE({code.text})'
         if code.kind == INT:
             return f'float({code.text})'
@@ -240,21 +240,21 @@ class Expressions:
         return f'{variable.place}[{variable.slot}]', variable.type
 
     def _element(self, variable: Variable, target: Apply) -> tuple[str, str]:
-        """Return list and index of an element."""
+        """Return the code of an array's list, and of the index of an element in it."""
         array = f'{variable.place}[{variable.slot}]'
         dimensions = len(variable.bounds)
-        given = target.arguments
-        if dimensions and len(given) != dimensions:
-            text = f'{target.name} has {dimensions} dimensions, not {len(given)}'
+        indices = target.arguments
+        if dimensions and len(indices) != dimensions:
+            text = f'{target.name} has {dimensions} dimensions, not {len(indices)}'
             raise SyntaxProblem(target.at, text, 'type')
-        for argument in given:
+        for argument in indices:
             if argument.by_reference or argument.whole_array:
                 raise SyntaxProblem(target.at, 'an index must be a number', 'type')
-        if len(given) != 1 or not dimensions:
-            indices = ', '.join(self.whole(argument.value) for argument in given)
-            return f'{array}.d', f'{array}.at({indices})'
-        fixed = constant(given[0].value, self.scope.constants)
-        index = self.whole(given[0].value)
+        if len(indices) != 1 or not dimensions:
+            codes = ', '.join(self.whole(argument.value) for argument in indices)
+            return f'{array}.d', f'{array}.at({codes})'
+        fixed = constant(indices[0].value, self.scope.constants)
+        index = self.whole(indices[0].value)
         if isinstance(fixed, int):
             if fixed < 0:
                 raise SyntaxProblem(target.at, f'index {fixed} is below 0', 'array-index')
@@ -271,7 +271,7 @@ class Expressions:
         return self.read(variable).text, variable.type
 
     def reference(self, target: Target) -> tuple[str, str]:
-        """Return the code of (list, index), and the type."""
+        """Return the code of the pair (list, index) that stores a variable, and its type."""
         variable = self._stored_in(target)
         if isinstance(target, Apply):
             container, index = self._element(variable, target)
@@ -282,7 +282,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the code of a statement's target variable, and its type."""
+        """Return the code of a variable that a statement stores into, and its type."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)
@@ -401,7 +401,7 @@ class Expressions:
         return self._function(name, (), expression.at)
 
     def point_number(self, name: str) -> str | None:
-        """Return the code of a point's number: P1, a label, or P and a variable (p345)."""
+        """Return the code of the number of P1, a label, or P and a variable (p345), or None."""
         if is_point_literal(name):
             return str(int(name[1:]))
         if (labelled := self.scope.point_number(name)) is not None:
@@ -412,7 +412,7 @@ class Expressions:
         return self.read(variable).text
 
     def which_point(self, expression: Expression) -> str:
-        """Return the code of a point's number: of P1, P(i), a label, a number, a label as text."""
+        """Return the code of a point's number, for P1, P(i), a label, its text, or a number."""
         if isinstance(expression, Name):
             number = self.point_number(expression.name)
             if number is not None and self.scope.variable(expression.name) is None:
@@ -462,12 +462,12 @@ class Expressions:
 
     def _stub(self, name: str, arguments: tuple[Argument, ...], at: Position) -> Code:
         self.note_stub(name, at)
-        given = ''.join(f'{self.stub_argument(argument)}, ' for argument in arguments)
+        codes = ''.join(f'{self.stub_argument(argument)}, ' for argument in arguments)
         kind = STRING if name.endswith('$') else STUB_RESULTS.get(name.lower(), INT)
-        return Code(f'v[0].ask({name!r}, ({given}), {kind!r})', kind)
+        return Code(f'v[0].ask({name!r}, ({codes}), {kind!r})', kind)
 
     def stub_argument(self, argument: Argument) -> str:
-        """Return a value, or the name of a sequence or window for an unknown name."""
+        """Return the code of an argument. An unknown name is a vision sequence or a window."""
         value = argument.value
         if argument.whole_array:
             return self.array(argument)[0]
@@ -485,59 +485,59 @@ class Expressions:
         kinds = rule.arguments.split(',')
         codes: list[Code] = []
         key = rule.name.lower()
-        for place, (argument, wanted) in enumerate(zip(arguments, kinds, strict=False)):
-            code = self._argument(argument, wanted[0])
+        for place, (argument, kind) in enumerate(zip(arguments, kinds, strict=False)):
+            code = self._argument(argument, kind[0])
             text = self.ranged(rule.name, key_of(key), place, argument.value, code.text)
             codes.append(code._replace(text=text))
-        given = ', '.join(code.text for code in codes)
+        passed = ', '.join(code.text for code in codes)
         name = key.replace('$', '_s')
-        kind = codes[0].kind if rule.result == '=' else rule.result
+        result = codes[0].kind if rule.result == '=' else rule.result
         if rule.name == 'Str$' and codes[0].kind == SINGLE:
-            given += f', {REAL_DIGITS}'
+            passed += f', {REAL_DIGITS}'
         if rule.by == 'value':
-            text = f'f_{name}({given})'
+            text = f'f_{name}({passed})'
         elif rule.by == 'call':
             text = f'v[{self._evaluate(*(code.text for code in codes))}]'
         elif rule.by == 'task':
-            text = f't_{name}(v[0]{", " if given else ""}{given})'
+            text = f't_{name}(v[0]{", " if passed else ""}{passed})'
         else:
-            text = f'v[0].value({key!r}, ({given}{"," if given else ""}))'
-        return Code(text, kind)
+            text = f'v[0].value({key!r}, ({passed}{"," if passed else ""}))'
+        return Code(text, result)
 
-    def _argument(self, argument: Argument, wanted: str) -> Code:
+    def _argument(self, argument: Argument, kind: str) -> Code:
         value = argument.value
-        if wanted == 'a':
+        if kind == 'a':
             return Code(self.array(argument)[0], INT)
         if argument.by_reference or argument.whole_array:
             raise SyntaxProblem(value.at, 'must be a value, not ByRef nor an array', 'type')
-        if wanted == 's':
+        if kind == 's':
             return Code(self.string(value), STRING)
-        if wanted == 'p':
+        if kind == 'p':
             return Code(self.point(value), POINT)
-        if wanted == 'q':
+        if kind == 'q':
             return Code(self.which_point(value), INT)
-        if wanted == 'v':
+        if kind == 'v':
             taker, type_name = self.taker(value)
             if TYPES[type_name].kind != STRING:
                 raise SyntaxProblem(value.at, 'must be a string variable', 'type')
             return Code(taker, STRING)
-        if wanted == 'o' and isinstance(value, Name) and value.name.lower() == 'all':
+        if kind == 'o' and isinstance(value, Name) and value.name.lower() == 'all':
             return Code('1', INT)  # only one robot exists
-        if wanted == 't' and isinstance(value, Name):
+        if kind == 't' and isinstance(value, Name):
             key = value.name.lower()
             if key in self.scope.functions and self.scope.variable(key) is None:
                 return Code(repr(key), INT)
-        if wanted == 'n':
+        if kind == 'n':
             return self.number(value)
-        if wanted == 'x':
+        if kind == 'x':
             return self._expect(value, (*NUMBERS, STRING), 'a number or a string')
         return Code(self.whole(value), INT)
 
     def _library(self, key: str, arguments: tuple[Argument, ...], at: Position) -> Code:
         number, declared = self.scope.libraries[key]
-        given = self.parameters(declared.name, declared.parameters, arguments, at)
+        passed = self.parameters(declared.name, declared.parameters, arguments, at)
         kind = TYPES[declared.result].kind
-        return Code(f'v[0].library({number}, ({given}{"," if given else ""}))', kind)
+        return Code(f'v[0].library({number}, ({passed}{"," if passed else ""}))', kind)
 
     def parameters(
         self,
@@ -550,7 +550,7 @@ class Expressions:
         if len(parameters) != len(arguments):
             text = f'{name} takes {len(parameters)} arguments, not {len(arguments)}'
             raise SyntaxProblem(at, text, 'arguments')
-        given = []
+        codes = []
         for parameter, argument in zip(parameters, arguments, strict=True):
             if parameter.array:
                 code, kind = self.array(argument)
@@ -576,8 +576,8 @@ class Expressions:
                 text = f'{name}: {parameter.name} is {type_word(parameter.type)}'
                 text += f', not {type_word(kind)}'
                 raise SyntaxProblem(argument.value.at, text, 'type')
-            given.append(code)
-        return ', '.join(given)
+            codes.append(code)
+        return ', '.join(codes)
 
 
 def _rounded(code: Code) -> str:

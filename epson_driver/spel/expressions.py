@@ -63,7 +63,7 @@ def _is_flag(token: Token) -> bool:
 
 
 class Reader:
-    """Reads the tokens of one statement from the left. `labels`: of points, in lower case."""
+    """Reads the tokens of one statement from the left. `labels`: point labels, in lower case."""
 
     def __init__(
         self, found: list[Token], at: Position, labels: Container[str] = frozenset()
@@ -87,12 +87,12 @@ class Reader:
         return Token(END, '', at)
 
     def look(self, ahead: int) -> Token:
-        """Return the token `ahead` places after the next one."""
+        """Return the token at the offset `ahead` from the next one."""
         index = self._next + ahead
         return self._tokens[index] if index < len(self._tokens) else Token(END, '', self._start)
 
     def past_brackets(self, ahead: int = 0) -> int:
-        """Return the distance to the token after the brackets that open `ahead` tokens later."""
+        """Return the offset of the token after the brackets that open at the offset `ahead`."""
         depth = 0
         while (token := self.look(ahead)).kind != END:
             depth += (token.text == '(') - (token.text == ')')
@@ -163,7 +163,7 @@ class Reader:
         return tuple(read)
 
     def optional(self, *ends: str) -> Expression | None:
-        """Read an expression, or return None before the statement's end or one of these signs."""
+        """Read an expression. Return None at the statement's end or before one of these words."""
         return None if self.at_end() or self.sees(*ends) else self.expression()
 
     def _binary(self, level: int) -> Expression:

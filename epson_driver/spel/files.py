@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a program: the files of its folder, and the files it has written.
 
-Written files stay in memory. With `keep` they are written to the folder, and nowhere else. A path
-of another disk or folder stays in memory. Existing point files are changed in memory only, so that
-points of a simulated robot never replace taught ones. `ProgramEnvironment` adds the
-rest of a program's environment: stub answers and ports.
+Written files stay in memory. With `keep` they are also stored in the folder, and paths outside it
+are refused. Existing point files are changed in memory only, so that points of a simulated robot
+never replace taught ones. `ProgramEnvironment` adds the rest of a program's environment: stub
+answers and ports.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -216,7 +216,7 @@ class Stubs:
 
 @dataclass
 class ProgramEnvironment:
-    """Answers, port settings and files.
+    """The environment of a program: stub answers, port settings and files.
 
     `ports`: settings of ports 201 to 216 in RC+'s system configuration, valid until SetNet.
     """
@@ -226,11 +226,11 @@ class ProgramEnvironment:
     files: Files = field(default_factory=Files)
 
     def fresh(self) -> 'ProgramEnvironment':
-        """Return a copy with unmodified files."""
+        """Return a copy with the original files."""
         return replace(self, files=self.files.fresh())
 
     def new_stubs(self) -> Stubs:
-        """Return the answers, starting with the first."""
+        """Return the stub answers, with none used yet."""
         return Stubs(self.answers)
 
 
@@ -243,16 +243,16 @@ def read_answers(path: Path) -> dict[str, list[Answer]]:
     content = read_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f'{path}: must have lines WORD: ANSWERS')
-    for key, given in content.items():
+    for key, value in content.items():
         word = str(key).split()[0].lower() if str(key).split() else ''
         if word not in WORDS:
             near = near_name(word, [item.name for item in WORDS.values()])
             meant = f': did you mean {near}?' if near else ''
             raise InputError(f'{path}: {key} is no word of SPEL+{meant}')
-        answers = given if isinstance(given, list) else [given]
+        answers = value if isinstance(value, list) else [value]
         for answer in answers:
             values = answer if isinstance(answer, list) else [answer]
-            if not all(value is None or isinstance(value, int | float | str) for value in values):
+            if not all(item is None or isinstance(item, int | float | str) for item in values):
                 raise InputError(f'{path}: {key}: an answer is a value, or a list of values')
         result[str(key)] = answers
     return result

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places in space: tool offsets, rotations, frames of Local (p592), Pallets (p596-602)."""
+"""Poses: tool offsets, rotations, frames of Local (p592), Pallets (p596-602)."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -64,7 +64,10 @@ def added(left: Point, right: Point, sign: float = 1.0) -> Point:
 
 
 def combined(frame: Point, point: Point) -> Point:
-    """Return a place given in a frame, with the flags of the frame's point."""
+    """Transform a point from a frame to the coordinates of the frame itself.
+
+    The flags are those of the frame.
+    """
     turn = _matrix(frame)
     moved = [
         frame.values[row] + sum(turn[row][k] * point.values[k] for k in range(3))
@@ -74,7 +77,7 @@ def combined(frame: Point, point: Point) -> Point:
 
 
 def within(frame: Point, point: Point) -> Point:
-    """Return a place relative to a frame, with the flags of the point."""
+    """Transform a point from the coordinates of a frame into the frame, with its own flags."""
     back = tuple(zip(*_matrix(frame), strict=True))
     away = [point.values[k] - frame.values[k] for k in range(3)]
     moved = [sum(back[row][k] * away[k] for k in range(3)) for row in range(3)]
@@ -124,9 +127,9 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
 
 
 def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
-    """Return the frame of an origin and a point on X and Y each, with an exact `axis`.
+    """Return the frame of an origin and points on X and Y. `axis` passes through its point.
 
-    A single point is the frame itself. Raises SpelError, about the statement of that name.
+    A single point is the frame itself. Raises SpelError that names the statement.
     """
     if any(point.kind != 'xy' for point in points) or len(points) not in (1, 3):
         raise bad(name, 'takes a place, or an origin and points on X and Y')
@@ -148,26 +151,29 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
 
 
 def frame_between(
-    pairs: Sequence[tuple[Point, Point]], share: float, base_u: bool = False
+    pairs: Sequence[tuple[Point, Point]], fraction: float, base_u: bool = False
 ) -> Point:
     """Return the frame that maps two points of a local to two points of the base (p514).
 
-    If their distances differ, the frame is exact at the fraction `share` between them. `base_u`:
+    If their distances differ, the frame is exact at `fraction` of the way between them. `base_u`:
     the U of its points changes by the difference between the base's two and the local's two U
     values (p515). The frame's U and a seventh value store this difference.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
     first, second = (base.values[3] - local.values[3] for local, base in pairs)
-    moved = first + share * math.remainder(second - first, 360.0)
-    here, there = added(here, _step(here, here2, share)), added(there, _step(there, there2, share))
+    moved = first + fraction * math.remainder(second - first, 360.0)
+    here, there = (
+        added(here, _step(here, here2, fraction)),
+        added(there, _step(there, there2, fraction)),
+    )
     turned = combined(Point('xy', (0.0, 0.0, 0.0, turn, 0.0, 0.0)), here)
     frame = (*_away(turned, there), turn, 0.0, 0.0)
     return Point('xy', (*frame, moved - turn), (_BASE_U,)) if base_u else Point('xy', frame)
 
 
-def _step(first: Point, second: Point, share: float) -> Point:
-    return Point('xy', (*(share * item for item in _away(first, second)), 0.0, 0.0, 0.0))
+def _step(first: Point, second: Point, fraction: float) -> Point:
+    return Point('xy', (*(fraction * item for item in _away(first, second)), 0.0, 0.0, 0.0))
 
 
 def _heading(first: Point, second: Point) -> float:
@@ -189,7 +195,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return the rotation of points in a frame, which BaseU separates from the axes' rotation."""
+    """Return the rotation of orientations in a frame. With BaseU it is not that of the axes."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]
@@ -238,7 +244,7 @@ class Pallet:
     outside: bool
 
     def place(self, number: int, position: int, row: int | None) -> Point:
-        """Return a place by its position, from 1 along the first row, or by column and row.
+        """Return a position by its number, from 1 along the first row, or by column and row.
 
         The orientation is the orientation of the first corner. `number` is the pallet number, for
         the error. Raises SpelError.
@@ -266,13 +272,13 @@ class Pallet:
         return Point('xy', (*moved, *first[3:]), self.corners[0].flags)
 
 
-def new_pallet(given: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
-    """Return a pallet between corners given as places in space. Raises SpelError."""
+def new_pallet(corners: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
+    """Return a pallet between corners in space. Raises SpelError."""
     for name, count in (('columns', columns), ('rows', rows)):
         if not 1 <= count <= MAX_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{MAX_PLACES}')
     if columns * rows >= MAX_PLACES:
         raise bad('Pallet', f'{columns} times {rows} positions are not below {MAX_PLACES}')
-    if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in given):
+    if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in corners):
         raise bad('Pallet', 'the corners must be positions in space')
-    return Pallet(given, columns, rows, out)
+    return Pallet(corners, columns, rows, out)

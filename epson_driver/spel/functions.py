@@ -128,7 +128,7 @@ STUB_RESULTS = {
     }.items()
     for name in names.split()
 }
-"""Results of functions that only a test can answer, usually a whole number."""
+"""Result of each function that only a test can answer. Others return a whole number."""
 
 AXES = ('x', 'y', 'z', 'u', 'v', 'w', 'r', 's', 't', 'st')
 TURNS = ('rx', 'ry', 'rz')

@@ -31,8 +31,11 @@ class Completion(Protocol):
     """An operation that takes time: a motion, or switching of motors."""
 
     @property
-    def share(self) -> float:
-        """Return the completed fraction, 0 to 1, or less if !…! must wait."""
+    def fraction(self) -> float:
+        """Return the completed fraction of the path, 0 to 1.
+
+        It is -1 in a jump before its move across, so that the statements of !…! wait.
+        """
 
     @property
     def done(self) -> bool:
@@ -92,7 +95,7 @@ class Caller:
 
 
 class Terminal(Protocol):
-    """The window that Print writes to and Input reads from."""
+    """The window that displays the output of Print and reads the lines of Input."""
 
     def write(self, caller: Caller, text: str) -> None:
         """Show a text whose lines end with a line feed."""
@@ -117,7 +120,7 @@ class Network(Protocol):
         """Close a port if it is open."""
 
     def release_owner(self, port: int) -> None:
-        """Stop serving new peers, because the task that opened the port has ended."""
+        """Refuse new peers from now on, because the task that opened the port has ended."""
 
     def connected(self, port: int) -> bool:
         """Return whether an open port has a peer."""
@@ -166,7 +169,7 @@ class Robot(Protocol):
         """Start a motion. Raises SpelError (4031: motors off, 4001: out of range, …)."""
 
     def stored_point(self, point: Point) -> Point:
-        """Return a point as stored in P0, P1, …: angles become a place in space."""
+        """Return a point as stored in P0, P1, …: angles and pulses become a pose."""
 
 
 class Host(Bits, Robot, Protocol):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Functions of their arguments alone, and conversion of numbers to text."""
+"""Functions that depend on their arguments only, and conversion of numbers to text."""
 
 import math
 import re
@@ -28,7 +28,7 @@ def text_of(value: object, kind: str) -> str:
 
 
 def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return the text of a number, large or small ones like 1.000000E+014 (p795)."""
+    """Return the text of a number. A large or small one has the form 1.000000E+014 (p795)."""
     text = f'{value:.{digits}g}'
     if abs(value) < 1e14 and 'e' not in text:
         return text
@@ -106,7 +106,7 @@ def _find(text: str, part: str) -> int:
 
 
 def value_of(text: str) -> float:
-    """Return the number at the start of a text, 0 without one. Raises SpelError."""
+    """Return the number at the start of a text, or 0 if there is none. Raises SpelError."""
     result = _NUMBER.match(text)
     if result is None:
         return 0.0

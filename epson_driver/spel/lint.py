@@ -135,18 +135,18 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
     for rule in lint.rules:
         problems.extend(rule())
     lines = {name: text.split('\n') for name, text in files.items()}
-    wanted = (problem for problem in set(problems) if not _switched_off(problem, lines))
-    return sorted(wanted, key=lambda each: (each.position, each.rule, each.text))
+    active = (problem for problem in set(problems) if not _switched_off(problem, lines))
+    return sorted(active, key=lambda problem: (problem.position, problem.rule, problem.text))
 
 
 def _asks_for_error(handler: Block) -> bool:
     """Return whether an If of a handler depends on Err, which is 0 without an error."""
-    kept = {'err'}
+    copies = {'err'}
     for node in walk(handler):
         if isinstance(node, Assign) and getattr(node.value, 'name', '').lower() == 'err':
-            kept.add(node.target.name.lower())
+            copies.add(node.target.name.lower())
     tests = [test for node in walk(handler) if isinstance(node, If) for test, _ in node.branches]
-    return any(getattr(item, 'name', '').lower() in kept for item in walk(tests))
+    return any(getattr(item, 'name', '').lower() in copies for item in walk(tests))
 
 
 def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
@@ -454,8 +454,8 @@ class _Lint:
         before: Statement | None = None
         for place, statement in enumerate(block):
             handler = isinstance(statement, Label) and statement.name.lower() in handlers
-            begins = isinstance(before, OnErr) and before.label is not None  # OnErr GoTo it
-            fallen = handler and before is not None and not begins and not leaves(before)
+            starts = isinstance(before, OnErr) and before.label is not None  # OnErr GoTo it
+            fallen = handler and before is not None and not starts and not leaves(before)
             if fallen and not _asks_for_error(block[place:]):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)

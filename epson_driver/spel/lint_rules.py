@@ -51,7 +51,7 @@ _WINDOWS = frozenset({'gshow', 'gshowdialog', 'gset', 'gget'})
 
 
 def leaves(statement: Statement) -> bool:
-    """Return whether the following statement cannot be reached from this one."""
+    """Return whether execution never continues after a statement."""
     if isinstance(statement, Exit | EResume | Return):
         return True
     if isinstance(statement, Do):
@@ -122,7 +122,7 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
 
 
 def _names(text: str) -> Iterator[str]:
-    """Yield the names of a text in lower case, with Pi as a possible variable."""
+    """Yield the names of a text in lower case, and for Pi also i: it may be the point P(i)."""
     for word in re.findall(r'[^\W\d]\w*\$?', text.lower()):
         yield word
         if word[0] == 'p':
@@ -195,16 +195,16 @@ def _number(expression: Expression | None) -> int | float | None:
     return None if expression is None else constant(expression, CONSTANTS)
 
 
-def _outside(name: str, place: int, given: Expression | None, key: str = '') -> Iterator[Problem]:
-    value = _number(given)
-    if given is None or value is None:
+def _outside(name: str, place: int, number: Expression | None, key: str = '') -> Iterator[Problem]:
+    value = _number(number)
+    if number is None or value is None:
         return
     if wrong := outside(key or name.lower(), place, value):
-        yield Problem(given.at, 'range', f'{name}: {wrong}')
+        yield Problem(number.at, 'range', f'{name}: {wrong}')
     known = SIMULATED.get(name.lower())
     if known is not None and place == 0 and value not in known:
         text = f'{name} {value:g} is not simulated, only {", ".join(map(str, known))}'
-        yield Problem(given.at, 'not-simulated', text, warning=True)
+        yield Problem(number.at, 'not-simulated', text, warning=True)
 
 
 def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
@@ -214,18 +214,18 @@ def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
         bounds = _bounds(program, function, resized)
         for node in walk(function.body):
             if isinstance(node, Command):
-                for place, given in enumerate(node.arguments):
-                    yield from _outside(node.name, place, given)
+                for place, value in enumerate(node.arguments):
+                    yield from _outside(node.name, place, value)
                 if node.name.lower() == 'pallet' and len(node.arguments) > 2:
-                    for name, given in zip(('columns', 'rows'), node.arguments[-2:], strict=True):
-                        yield from _outside(name, 0, given)
+                    for name, count in zip(('columns', 'rows'), node.arguments[-2:], strict=True):
+                        yield from _outside(name, 0, count)
             elif isinstance(node, Wait):  # a number alone is a time
                 yield from _outside('Wait', 0, node.condition if node.time is None else node.time)
             elif isinstance(node, Name) and is_point_literal(node.name):
                 yield from _outside('P', 0, Number(int(node.name[1:]), node.at))
             elif isinstance(node, Redim):
-                for given in node.bounds:
-                    yield from _outside('Redim', 0, given)
+                for bound in node.bounds:
+                    yield from _outside('Redim', 0, bound)
             elif isinstance(node, Xqt) and _number(node.number) not in _BACKGROUND:
                 yield from _outside('Xqt', 0, node.number)
             elif isinstance(node, Motion):

@@ -239,24 +239,24 @@ class Machine:
         result: dict[str, list[Value]] = {}
         for slot, variable in enumerate(self.world.program.variables):
             if variable.preserved:
-                held = self.world.g[slot]
+                value = self.world.g[slot]
                 result[variable.name] = (
-                    list(held.d) if isinstance(held, Array) else [held]  # type: ignore[list-item]
+                    list(value.d) if isinstance(value, Array) else [value]  # type: ignore[list-item]
                 )
         return result
 
     def restore(self, values: dict[str, list[Value]]) -> None:
-        """Set the values of `preserved`, except variables that have changed since."""
+        """Set the values that `preserved` returned, except arrays whose size has changed since."""
         for slot, variable in enumerate(self.world.program.variables):
-            given = values.get(variable.name)
-            held = self.world.g[slot]
-            if not variable.preserved or given is None:
+            stored = values.get(variable.name)
+            current = self.world.g[slot]
+            if not variable.preserved or stored is None:
                 continue
-            if isinstance(held, Array):
-                if len(given) == len(held.d):
-                    held.d[:] = [store(value, variable.type) for value in given]
-            elif len(given) == 1:
-                self.world.g[slot] = store(given[0], variable.type)
+            if isinstance(current, Array):
+                if len(stored) == len(current.d):
+                    current.d[:] = [store(value, variable.type) for value in stored]
+            elif len(stored) == 1:
+                self.world.g[slot] = store(stored[0], variable.type)
 
     def emergency_stop(self) -> None:
         """End all tasks that an E-stop or an error ends."""
@@ -292,9 +292,8 @@ class Machine:
         number = FIRST_TRAP + 4 + list(_EVENT_TRAPS).index(name)
         if number in self.world.tasks:
             return False
-        wanted = len(linked.code.parameters)
-        given = (*numbers, 0, 0, 0)[:wanted]
-        self.world.add(number, linked, given, _EVENT_TRAPS[name])
+        arguments = (*numbers, 0, 0, 0)[: len(linked.code.parameters)]
+        self.world.add(number, linked, arguments, _EVENT_TRAPS[name])
         return True
 
     def last_event(self, name: str) -> bool:
@@ -358,8 +357,8 @@ class Machine:
     def idle(self, to: float) -> None:
         """Advance the time without running tasks, to `to`, s, or to the next event before it.
 
-        A host calls it before `advance` when it has an event of this moment. A task that waited
-        for the event then resumes at this time instead of the time of the previous call.
+        A host calls it before `advance` when an event occurs at `to`. A task that waits for the
+        event then resumes at that time, not at the time of the previous call.
         """
         if self._ready() is None:
             due = self._next_due()
@@ -373,7 +372,7 @@ class Machine:
         """
         world = self.world
         while True:
-            self._wake()  # also for effects of the last task on others
+            self._wake()  # also after each task, which may have met the condition of another
             if world.time > to:
                 return
             task = self._ready()
@@ -381,7 +380,7 @@ class Machine:
                 self._last = task.number
                 used = self._run(task)
                 world.time += used * world.timing.statement
-                self._settle(task)
+                self._start_wait(task)
                 continue
             due = self._next_due()
             if due is None or due > to:
@@ -466,7 +465,7 @@ class Machine:
                 started = self.world.add(FIRST_TRAP + number - 1, trap.target, (), TaskType.TRAP)
                 if trap.action == 'call':
                     trap.task.discontinue()
-                    trap.task.held_by = started
+                    trap.task.interrupted_by = started
 
     def _count(self) -> None:
         """Count the inputs of CTReset that have switched on since the last scan."""
@@ -475,8 +474,8 @@ class Machine:
             counter.count = (counter.count + (now > counter.last)) & 0xFFFF
             counter.last = now
 
-    def _settle(self, task: Task) -> None:
-        """Count the time of a wait from its statement's end, not from the start of the turn."""
+    def _start_wait(self, task: Task) -> None:
+        """Start the time of a wait at the end of its statement, not at the start of the turn."""
         waiting = task.waiting
         if waiting is not None and waiting.until is not None and waiting.duration is not None:
             waiting.until = self.world.time + waiting.duration
@@ -488,7 +487,7 @@ class Machine:
         while frame is not None and used < limit and task.waiting is None:
             used += self._run_frame(task, frame, limit - used)
             frame = task.frame
-            if task.held:
+            if task.suspended:
                 break
         self.statements += used
         task.since_wait += used
@@ -512,7 +511,7 @@ class Machine:
                         return used
                     pc = frame.linked.code.following[pc]
                     frame.pc = pc
-                    if task.held:
+                    if task.suspended:
                         return used
                     continue
                 pc = following
@@ -538,9 +537,9 @@ def _of_program(error: Exception) -> bool:
 
 
 def _awake(task: Task) -> bool:
-    if task.held_by is not None and task.held_by.frame is None:
-        task.held_by = None
-    return not task.held
+    if task.interrupted_by is not None and task.interrupted_by.frame is None:
+        task.interrupted_by = None
+    return not task.suspended
 
 
 def _can_run(task: Task) -> bool:

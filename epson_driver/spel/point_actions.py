@@ -24,7 +24,7 @@ from epson_driver.spel.values import Point, nearest
 
 
 def set_coordinate(task: Task, number: int, axis: str, value: float) -> None:
-    """CX(P1) = …, CY, CZ and the others."""
+    """CX(P1) = …, and likewise CY, CZ, CU, CV and CW."""
     task.world.points[number] = changed(point(task, number), ':', axis, value)
 
 
@@ -62,7 +62,7 @@ def _written_labels(task: Task) -> dict[int, str]:
 
 
 def list_points(task: Task, first: int | None = None, last: int | None = None) -> None:
-    """PList [first[, last]]: in the form of statements (p632)."""
+    """PList [first[, last]]: print points as statements that define them (p632)."""
     if last is None:
         last = LAST_POINT if first is None else first
     for number in range(first or 0, last + 1):
@@ -157,10 +157,10 @@ def distance(task: Task, first: Point, second: Point) -> float:
     return math.dist(a.values[:3], b.values[:3])
 
 
-def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] = ()) -> None:
+def define_local(task: Task, number: int, *arguments: Point, words: tuple[str, ...] = ()) -> None:
     """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points[, L|R] (p514)."""
     task.may('local')
-    points = [task.world.host.stored_point(item) for item in given]
+    points = [task.world.host.stored_point(item) for item in arguments]
     if 'pair' in words:
         if len(points) != 4:
             raise bad('Local', 'takes two pairs of points')
@@ -179,7 +179,7 @@ def set_local(task: Task, number: int, local: float) -> None:
 
 
 def set_arch(task: Task, number: float, depart: float, approach: float) -> None:
-    """Arch n, depart, approach: mm."""
+    """Arch n, depart, approach: set the distances of an arch, mm."""
     task.may('arch')
     task.world.arches[nearest(number)] = (float(depart), float(approach))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements of the network ports, and Print and Input, which use them or the terminal.
+"""Statements of the network ports, and Print and Input for ports, files and the terminal.
 
 A port belongs to the task that opened it until the task ends (SPEL+ p194).
 """
@@ -60,7 +60,7 @@ def set_net(
     timeout: float | None = None,
     words: tuple[str, ...] = ('crlf', 'tcp'),
 ) -> None:
-    """SetNet #n, host, port, …."""
+    """SetNet #n, host, port, …: set up a port."""
     port = port_of(task, 'SetNet', number)
     wait = 0.0 if timeout is None else float(timeout)
     within('SetNet', nearest(wait), 0, 1_000_000)
@@ -123,11 +123,11 @@ def _receive(
     number: int,
     ready: Callable[[bytes], int],
     use: Callable[[bytes], None],
-    wanted: int = 1,
+    file_bytes: int = 1,
 ) -> None:
     """Wait until `ready` returns the number of bytes to read, then call `use` with them."""
     if is_file(number):
-        use(file_access.read(task, name, number, wanted))
+        use(file_access.read(task, name, number, file_bytes))
         return
     port = _opened(task, name, number)
     network = task.world.host.network
@@ -175,12 +175,12 @@ def _byte(value: int, type_name: str) -> Value:
 
 
 def read_bin(task: Task, number: int, into: Array | Reference, count: int | None) -> None:
-    """ReadBin #n, a(), count: one byte per element."""
+    """ReadBin #n, a(), count: store one received byte in each element."""
     if isinstance(into, Array):
-        wanted = _count('ReadBin', count, into)
+        size = _count('ReadBin', count, into)
         container, start, type_name = into.d, 0, into.type
     else:
-        wanted = 1
+        size = 1
         container, start, type_name = into
 
     def use(data: bytes) -> None:
@@ -188,11 +188,11 @@ def read_bin(task: Task, number: int, into: Array | Reference, count: int | None
             container[place] = _byte(value, type_name)
 
     task.owe('readbin')
-    _receive(task, 'ReadBin', number, lambda b: wanted if len(b) >= wanted else 0, use, wanted)
+    _receive(task, 'ReadBin', number, lambda b: size if len(b) >= size else 0, use, size)
 
 
 def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> None:
-    """WriteBin #n, a(), count: the low byte of each element."""
+    """WriteBin #n, a(), count: send the low byte of each element."""
     if isinstance(what, Array):
         values = what.d[: _count('WriteBin', count, what)]
         data = bytes(int(value) & 0xFF for value in values)
@@ -203,14 +203,14 @@ def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> 
 
 def read(task: Task, number: int, into: Reference, count: int | None) -> None:
     """Read #n, s$[, count]: a zero byte ends the string."""
-    wanted = within('Read', 1 if count is None else count, 1, LONGEST_STRING)
+    size = within('Read', 1 if count is None else count, 1, LONGEST_STRING)
     container, index, type_name = into
 
     def use(data: bytes) -> None:
         text = data.decode('latin-1').split('\0')[0]
         container[index] = store(text, type_name)
 
-    _receive(task, 'Read', number, lambda b: wanted if len(b) >= wanted else 0, use, wanted)
+    _receive(task, 'Read', number, lambda b: size if len(b) >= size else 0, use, size)
 
 
 def write(task: Task, number: int, text: str, _count: int | None = None) -> None:

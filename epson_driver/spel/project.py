@@ -58,7 +58,7 @@ def add_missing(
 ) -> None:
     """Add the labels that a project without .sprj, .pts or IOLabels.dat leaves undefined.
 
-    Points get the numbers 999, 998, … and no place. I/O labels are added to `data.unlabelled`.
+    Points get the numbers 999, 998, … and no position. I/O labels are added to `data.unlabelled`.
     """
     there = {name.lower() for name in files}
     if any(name.endswith(PROJECT) for name in there):
@@ -82,7 +82,7 @@ def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
 
 
 def _declared(lines: Iterable[Line]) -> set[str]:
-    """Return the names in all lines that contain a type."""
+    """Return the names in all lines that contain a type, which may declare them."""
     result: set[str] = set()
     for line in lines:
         if any(token.lower in TYPES for token in line.tokens):
@@ -165,10 +165,10 @@ _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 
 
 def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
-    """Return the files with other values in their #define lines, or without them for ''.
+    """Return the files with other values in their #define lines.
 
-    A line disabled by a leading ' is enabled. Raises InputError if no file has such a line for a
-    name, or if a value has more than one line.
+    The value '' disables a line. A line that a leading ' disables is enabled by any other value.
+    Raises InputError if no file has a line for a name, or if a value is not printable.
     """
     left = dict(values)
     changed = {}

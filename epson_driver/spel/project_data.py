@@ -68,9 +68,9 @@ class ProjectData:
 def read_project(path: Path) -> dict[str, str]:
     """Return the texts of a project by file name: a folder, or one .prg with its neighbours.
 
-    A .sprj, or a folder with one, returns the .sprj and its listed files if all programs exist.
-    Point files are those of robot 1, with its default first. Raises InputError if a file
-    cannot be read.
+    A .sprj, or a folder with one, stands for the .sprj and the files that it lists, if all its
+    programs exist. Its point files are those of robot 1, with the default first. Raises InputError
+    if a file cannot be read.
     """
     folder = path if path.is_dir() else path.parent
     there = {
@@ -145,7 +145,7 @@ def _with_line_feeds(text: str) -> str:
 
 
 def encoded(text: str) -> Iterator[bytes]:
-    """Yield the possible original bytes of a text that `decoded` has returned."""
+    """Yield the possible original bytes of a text that `decoded` returned."""
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):
             yield text.encode(name)

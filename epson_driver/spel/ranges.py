@@ -14,7 +14,7 @@ _CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7
 """Maximum waiting time, s."""
 _MAX = 32767
-"""Limit where the manual has none: Accel above 100 depends on the robot (p68), bits on the I/O."""
+"""Maximum of numbers that the robot (Accel, p68) or the I/O limits, not the manual."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges
@@ -98,7 +98,7 @@ def limits(key: str, place: int) -> tuple[float, float] | None:
 
 
 def outside(key: str, place: int, value: float) -> str:
-    """Return the error text of a number, or '' if it is valid."""
+    """Return the error text of a number out of its range, or '' if it is in the range."""
     low, high = limits(key, place) or (-inf, inf)
     if low <= value <= high:
         return ''

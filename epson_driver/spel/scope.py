@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The meaning of names at a position of a program, and limits of declarations."""
+"""Which variable, function or label a name denotes, and limits of declarations."""
 
 from collections.abc import Mapping
 
@@ -60,7 +60,7 @@ ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'btst64', 'motor', 'pow
 
 
 def against_true(expression: Binary, scope: 'Scope') -> Binary:
-    """Return `Sw(1) = True` as `Sw(1) <> 0`, because fielded programs rely on it in a Wait."""
+    """Return `Sw(1) = True` as `Sw(1) <> 0`, because real programs rely on it in a Wait."""
     for one, other in ((expression.left, expression.right), (expression.right, expression.left)):
         if (
             expression.operator in ('=', '<>')
@@ -76,7 +76,7 @@ def against_true(expression: Binary, scope: 'Scope') -> Binary:
 
 
 class Scope:
-    """The variables of a project, a file and a function, and the existing functions."""
+    """The names that are visible in a file or in a function of it."""
 
     def __init__(
         self,

@@ -331,7 +331,7 @@ class Statements:
         return Assign(reader.target(), Name(first.text, first.position), first.position)
 
     def read_local(self, reader: Reader, first: Token) -> Command:
-        """Read Local n, and one point, three with X or Y, or two pairs (P1:P11), (P2:P12), L|R."""
+        """Read Local n with one point, three points[, X|Y], or pairs (P1:P11), (P2:P12), L|R."""
         given = [reader.expression()]
         words: list[str] = []
         while reader.takes(','):
@@ -510,7 +510,7 @@ class Statements:
         raise NotImplementedError
 
     def read_stub(self, reader: Reader, first: Token) -> Stub:
-        """Read a statement of which the interpreter knows only the name."""
+        """Read a statement that is known by its name only."""
         arguments: list[Argument] = []
         indices: list[Argument] = []
         while not reader.at_end():

@@ -48,7 +48,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Apply:
-    """A name with arguments: an element of an array, or a function called."""
+    """A name with arguments: an element of an array, or the call of a function."""
 
     name: str
     arguments: tuple[Argument, ...]
@@ -131,7 +131,7 @@ class Assign:
 
 @dataclass(frozen=True, slots=True)
 class If:
-    """Branches in order, and `otherwise`, the Else."""
+    """If: its branches in order, and the statements of Else in `otherwise`."""
 
     branches: tuple[tuple[Expression, 'Block'], ...]
     otherwise: 'Block'
@@ -220,7 +220,7 @@ class Return:
 
 @dataclass(frozen=True, slots=True)
 class OnErr:
-    """`OnErr GoTo label`, or for None `OnErr GoTo 0`."""
+    """`OnErr GoTo label`. The label of `OnErr GoTo 0` is None."""
 
     label: str | None
     at: Position
@@ -246,7 +246,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A statement of the table: arguments by its form (None if omitted), and its keywords."""
+    """A statement of commands.py: its arguments (None if omitted), and its keywords."""
 
     name: str
     arguments: tuple[Expression | None, ...]
@@ -256,7 +256,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A statement that moves the arm. `till` True is the stored condition.
+    """A statement that moves the arm. `till` is True for the stored condition.
 
     `numbers`: the values of C, LimZ, LJM and PerformMode. `parallel`: the statements in !…!.
     """
@@ -285,7 +285,7 @@ class Share:
 class Stub:
     """A statement that only a test can answer: vision, conveyors, windows.
 
-    indices: selects one of several results, `VGet find.Blob01.RobotXYU(i)`.
+    `indices` select one of several results: `VGet find.Blob01.RobotXYU(i)`.
     """
 
     name: str
@@ -305,7 +305,7 @@ class Store:
 
 @dataclass(frozen=True, slots=True)
 class Print:
-    """Print to the terminal or to a port. `line` is False for a comma at the end."""
+    """Print to the terminal, a port or a file. `line` is False for a comma at the end."""
 
     port: Expression | None
     items: tuple[Expression, ...]
@@ -315,7 +315,7 @@ class Print:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """Input or Line Input from the terminal or a port."""
+    """Input or Line Input from the terminal, a port or a file."""
 
     port: Expression | None
     whole_line: bool
@@ -356,7 +356,7 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Trap:
-    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. No action: disarmed."""
+    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. No action disarms it."""
 
     event: str
     number: Expression | None

@@ -120,10 +120,10 @@ class Frame:
 
 @dataclass(slots=True)
 class Waiting:
-    """The condition of a waiting task: a time, and optionally a test after each event.
+    """The condition of a waiting task: a time, a test, or both. Events evaluate the test.
 
-    `scanned`: the test is evaluated on the controller's scans only. `after` is called with whether
-    the time ran out.
+    `scanned`: the test is evaluated at the controller's scans only. `after` is called at the end
+    of the wait. Its argument is True after a timeout.
     """
 
     until: float | None
@@ -250,13 +250,13 @@ class SharedState:
         self.tasks[number] = task
         return task
 
-    def add_helper(self, task: 'Task', begin: int, motion: Completion) -> 'Task':
+    def add_helper(self, task: 'Task', start: int, motion: Completion) -> 'Task':
         """Start the task of !…!, which shares the variables of the function that moves the arm."""
         helper = Task(self, FIRST_HELPER + task.number, task.type)
         moving = task.current
         helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
         helper.current.v[1:] = moving.v[1:]
-        helper.current.pc = begin
+        helper.current.pc = start
         helper.motion, helper.outputs = motion, task.outputs
         self.tasks[helper.number] = helper
         return helper
@@ -289,9 +289,9 @@ class SharedState:
         self.points |= {number: self.host.stored_point(item) for number, item in points.items()}
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
-        """Return values with their points in Local 0, or steps from the current position.
+        """Return arguments with their points in Local 0. Raises SpelError.
 
-        Raises SpelError.
+        `steps`: the points are steps from the current position.
         """
         into = turned_step if steps else in_world
         return tuple(
@@ -331,7 +331,7 @@ class Task:
         self.waiting: Waiting | None = None
         self.halted = False
         self.paused = False
-        self.held_by: Task | None = None
+        self.interrupted_by: Task | None = None
         self.function = ''
         self.timed_out = False
         self.default_timeout: float | None = None
@@ -423,7 +423,7 @@ class Task:
         self.current.handling = False
 
     def resume(self, following: bool) -> int:
-        """Return where EResume continues: at the failed statement, or after it."""
+        """Return the instruction at which EResume continues: the failed statement, or the next."""
         self.resumed()
         frame = self.current
         starts = frame.linked.code.starts
@@ -470,7 +470,7 @@ class Task:
         after: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait until a test is met or a time is over, or not at all if the test is already met."""
+        """Wait until a test is met or a time is over. `after` gets True after a timeout."""
         self.since_wait = 0
         if test is not None and test():
             if after is not None:
@@ -493,7 +493,7 @@ class Task:
         then: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait for a test, and set TW to whether the time ran out before `then` is called."""
+        """Wait like `wait`, with `then` as `after`, and set TW before `then` is called."""
         self.timed_out = False
 
         def after(timed_out: bool) -> None:
@@ -516,7 +516,7 @@ class Task:
                 self.world.host.command('abortmotion', (), ())
 
     def go_to(self, frame: Frame, target: int) -> None:
-        """Continue at an instruction of a call of this task, whatever the task is doing."""
+        """End the current statement, and continue at an instruction of one of the task's calls."""
         self.discontinue()
         while self.frames[-1] is not frame:
             self.frames.pop()
@@ -535,7 +535,7 @@ class Task:
             frame.pc = frame.linked.code.following[frame.pc]
 
     def wait_for(self, completion: Completion | None) -> None:
-        """Wait for an operation of the host."""
+        """Wait until an operation of the host is complete."""
         if completion is None:
             return
         started = completion
@@ -568,7 +568,10 @@ class Task:
         self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
-        """Return a function of the host, with places in Local 0 except for CX to CW."""
+        """Return the value of a function of the host.
+
+        Its points are converted to Local 0, except those of CX to CW.
+        """
         self.since_wait = 0  # it reads inputs
         if name[0] != 'c':
             arguments = self.world.placed(arguments)
@@ -649,12 +652,12 @@ class Task:
 
         self.wait(None, lambda: completion.done and helper.frame is None, after)
 
-    def wait_share(self, percent: float) -> None:
+    def wait_fraction(self, percent: float) -> None:
         """Wait until the motion of !…! has completed a percentage of its path."""
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
         fraction = min(max(percent / 100.0, 0.0), 1.0)
-        self.wait(None, lambda: motion.done or motion.share >= fraction, scanned=True)
+        self.wait(None, lambda: motion.done or motion.fraction >= fraction, scanned=True)
 
     # Statements and functions that only a test can answer
 
@@ -691,19 +694,19 @@ class Task:
     def library(self, number: int, arguments: tuple[object, ...]) -> Value:
         """Call a function of a DLL, which may write to arrays and ByRef variables."""
         declared = self.world.program.libraries[number]
-        given: list[Value | Array] = []
-        handed: list[tuple[Array, list[Value], int]] = []
+        passed: list[Value | Array] = []
+        references: list[tuple[Array, list[Value], int]] = []
         for parameter, argument in zip(declared.parameters, arguments, strict=True):
             if isinstance(argument, tuple):
                 container, index = argument
                 array = Array(parameter.type, (0,))
                 array.d[0] = container[index]
-                handed.append((array, container, index))
-                given.append(array)
+                references.append((array, container, index))
+                passed.append(array)
             else:
-                given.append(argument)  # type: ignore[arg-type]
-        result = self.world.host.call_library(declared.library, declared.alias, given)
-        for array, container, index in handed:
+                passed.append(argument)  # type: ignore[arg-type]
+        result = self.world.host.call_library(declared.library, declared.alias, passed)
+        for array, container, index in references:
             container[index] = store(array.d[0], array.type)
         return store(result, declared.result)
 
@@ -722,9 +725,9 @@ class Task:
         )
 
     @property
-    def held(self) -> bool:
+    def suspended(self) -> bool:
         """Return whether the task is halted, paused or interrupted by a Trap."""
-        return self.halted or self.paused or self.held_by is not None
+        return self.halted or self.paused or self.interrupted_by is not None
 
     @property
     def state(self) -> TaskState:

@@ -83,7 +83,7 @@ class Array:
         return place
 
     def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
-        """Change the bounds. With `keep`, elements within the old and the new bounds remain."""
+        """Change the bounds. With `keep`, elements within both the old and new bounds remain."""
         old = Array.__new__(Array)
         old.bounds, old.d = self.bounds, self.d
         self.bounds = bounds
@@ -122,15 +122,15 @@ class Point:
 
     def flagged(self, flag: str) -> 'Point':
         """Return the point with an orientation flag or a local, which replaces the old one."""
-        kept = (item for item in self.flags if subject(item) != subject(flag))
-        return replace(self, flags=(*kept, flag))
+        others = (item for item in self.flags if subject(item) != subject(flag))
+        return replace(self, flags=(*others, flag))
 
     def __str__(self) -> str:
         return f'{self.kind}({", ".join(f"{value:.3f}" for value in self.values)})'
 
     @property
     def printed(self) -> str:
-        """Return the output of Print for a place in space (p166): 12 characters a coordinate."""
+        """Return the point as Print displays it, with 12 characters per coordinate (p166)."""
         shown = (
             f' {axis}:{value:9.3f}' for axis, value in zip('XYZUVW', self.values, strict=True)
         )
@@ -180,14 +180,14 @@ def nearest(value: float) -> int:
 
 
 def towards_zero(value: float) -> int:
-    """Return the whole part. Raises SpelError."""
+    """Return a value without its fractional part. Raises SpelError if it is not finite."""
     if value - value != 0.0:
         raise overflow('Long', value)
     return math.trunc(value)
 
 
 ROUNDINGS: dict[str, Callable[[float], int]] = {'nearest': nearest, 'truncate': towards_zero}
-"""Conversions of a Real to an Integer on assignment, selectable because none is documented."""
+"""Possible conversions of a Real to an Integer on assignment. The manual does not say which."""
 
 
 def store(value: Value, type_name: str, rounding: Callable[[float], int] = nearest) -> Value:

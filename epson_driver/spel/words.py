@@ -67,7 +67,7 @@ EVERY_VERSION = (99, 0, 0)
 
 
 def reserved(name: str, version: tuple[int, ...] = EVERY_VERSION) -> bool:
-    """Return whether a name is reserved by SPEL+, up to a version."""
+    """Return whether a name is a word or a constant of SPEL+ in a version."""
     word = WORDS.get(name.lower())
     return name.lower() in CONSTANTS or (word is not None and word.since <= version)
 

@@ -73,7 +73,7 @@ class Move:
         return self.over
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """1 after the end, else 0."""
         return float(self.over)
 
@@ -97,7 +97,7 @@ class Rest:
         return self._robot.move_now is None
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """1 after the end, else 0."""
         return float(self.done)
 

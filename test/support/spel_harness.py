@@ -31,7 +31,7 @@ class Motion:
     def __init__(self, request: MotionRequest | None = None) -> None:
         self.request = request
         self.done = False
-        self.share = 0.0
+        self.fraction = 0.0
         self.error: SpelError | None = None
 
 

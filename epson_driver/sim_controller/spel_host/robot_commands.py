@@ -38,7 +38,7 @@ class ConditionCompletion:
         return self._holds()
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """Completed fraction of the motion: 0, or 1 when it has ended."""
         return float(self.done)
 

@@ -25,14 +25,14 @@ SHORTEST_S = 1e-6
 class Motion:
     """A started motion statement, until the arm is at rest or, with CP, decelerates."""
 
-    def __init__(self, request: MotionRequest, share: Callable[[], float]) -> None:
+    def __init__(self, request: MotionRequest, fraction: Callable[[], float]) -> None:
         self.request = request
-        self._fraction = share
+        self._fraction = fraction
         self.done = False
         self.error: SpelError | None = None
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """The completed fraction of the path, 0 to 1, or -1 in a jump before its move across."""
         return 1.0 if self.done else self._fraction()
 

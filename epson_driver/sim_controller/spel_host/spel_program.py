@@ -399,7 +399,7 @@ class SpelProgram:
         critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
         _log.error('%s', error)
         self.failure = self.failure or error
-        report = error.told
+        report = error.details
         self._later.append(lambda: self._controller.raise_error(error.number, critical, report))
         self._soon()
 
