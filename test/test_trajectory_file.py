@@ -5,7 +5,8 @@
 import numpy as np
 import pytest
 
-from epson_driver.cli.demo import ROBOT, TRAJECTORY, TRAJECTORY_OF_SCARAS
+from epson_driver.cli.arguments import DEFAULT_MODEL
+from epson_driver.cli.demo import TRAJECTORY, TRAJECTORY_OF_SCARAS
 from epson_driver.inputs import InputError
 from epson_driver.motion import problems
 from epson_driver.robots import load_robot_model, robot_models
@@ -55,7 +56,7 @@ def test_trajectory_of_the_repository_can_be_executed(path):
     kind = SCARA if path == TRAJECTORY_OF_SCARAS else SIX_AXIS
     of_all = path in (TRAJECTORY, TRAJECTORY_OF_SCARAS)
     for model in MODELS:
-        if model.kind != kind or not (of_all or model.name == ROBOT):
+        if model.kind != kind or not (of_all or model.name == DEFAULT_MODEL):
             continue
         limits = model.limits
         assert set(trajectory.joint_names) == set(limits.names)

@@ -18,16 +18,16 @@ from epson_driver.processes.interrupt import (
 from epson_driver.share import share_file
 
 INTERFACES = ('epson_msgs', 'industrial_msgs')
-"""Message packages that no binary release has: they are built from interfaces/."""
+"""Message packages without a binary release. They are built from interfaces/."""
 
 NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
-"""Message packages without wheels."""
+"""Message packages without wheels on PyPI."""
 
 NOT_OF_ROS = {'matplotlib': 'report'}
-"""Modules that belong to another extra than `ros`, with its name."""
+"""Optional modules that ROS does not contain, and the extra that installs each."""
 
 BROKEN_PIPE = 141
-"""Exit code after the reader of the output has closed it, like in shells: 128 + SIGPIPE."""
+"""Exit code after the reader of a pipe has closed it: 128 + SIGPIPE, like in shells."""
 
 
 def main() -> int:
@@ -39,8 +39,8 @@ def main() -> int:
         sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # of `| head`, which has read enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at the end
+    except BrokenPipeError:  # `| head` has closed the pipe
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
         return BROKEN_PIPE
     else:
         return result
@@ -90,7 +90,7 @@ def _usage() -> str:
 
 
 def _unknown(name: str) -> str:
-    """Return a line about an unknown executable, or '' if no name was given."""
+    """Return the error text for an unknown executable, or '' if no name was given."""
     if not name:
         return ''
     near = get_close_matches(name.lower(), EXECUTABLES, n=1, cutoff=0.5)

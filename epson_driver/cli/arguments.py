@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Types of command-line arguments, for argparse, which names the argument and exits with 2."""
+"""Arguments that several commands share, and types for argparse.
+
+argparse exits with code 2 and names the argument if a type rejects its value.
+"""
 
 import argparse
 import errno
@@ -13,28 +16,59 @@ from epson_driver.inputs import HOST, Rule, count, printable, shown
 
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
 FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
-"""0 selects any free port."""
+"""Rule for a port to listen on. 0 selects any free port."""
 
-LOGIN_HELP = 'Remote Ethernet password (default: none)'
-PORT_HELP = '{} port (default: from the profile'
+DEFAULT_MODEL = 'c3_a601s'
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Add the option --robot."""
+    text = 'robot model, or a .yaml file (default: %(default)s)'
+    parser.add_argument('--robot', default=DEFAULT_MODEL, metavar='MODEL', help=text)
+
+
+def add_controller(parser: argparse.ArgumentParser, about: str = 'controller profile') -> None:
+    """Add the option --controller. `about` is the start of its help text."""
+    text = f'{about}, or a .yaml file (default: %(default)s)'
+    parser.add_argument('--controller', default='simulated', metavar='PROFILE', help=text)
+
+
+def add_password(parser: argparse.ArgumentParser) -> None:
+    """Add the option --password."""
+    text = 'Remote Ethernet password (default: none)'
+    parser.add_argument('--password', default='', metavar='TEXT', help=text)
+
+
+def add_ports(parser: argparse.ArgumentParser, unused: str) -> None:
+    """Add an option for each port of a controller. `unused` explains port 0."""
+    for name in ('state', 'motion', 'io', 'remote'):
+        text = f'{name} port (default: from the profile'
+        text += ')' if name == 'state' else f', 0: {unused})'
+        parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
 
 
 class _Formatter(argparse.HelpFormatter):
-    """Wraps the description and keeps the lines of the epilog."""
+    """A help formatter that wraps the description, and keeps the lines of the epilog."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if '\n' in text else super()._fill_text(text, width, indent)
 
 
 def help_texts(description: str, examples: Sequence[str], codes: str, more: str = '') -> Any:
-    """Return the keywords of a parser for its description, examples and exit codes."""
+    """Return the keyword arguments of an ArgumentParser with these help texts.
+
+    `codes`: the exit codes. `more`: text after them.
+    """
     lines = ['examples:', *(f'  epson_driver {example}' for example in examples)]
     epilog = '\n'.join([*lines, '', f'exit codes: {codes}', more]).strip()
     return {'description': description, 'epilog': epilog, 'formatter_class': _Formatter}
 
 
 def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
-    """Return a `type` for argparse: the number, or what `parse` returns, checked by a rule."""
+    """Return a `type` for argparse that parses a text, and checks the value by a rule.
+
+    `parse` defaults to a parser for numbers.
+    """
 
     def read(text: str) -> Any:
         try:
@@ -50,7 +84,7 @@ host = argument(HOST, str)
 
 
 def define(text: str) -> tuple[str, str]:
-    """Return name and value of NAME=VALUE, which replaces a #define value of a SPEL+ project."""
+    """Return the name and the value of NAME=VALUE, the new value of a #define in SPEL+."""
     name, equals, value = text.partition('=')
     if not equals or not name.strip():
         rule = 'must be NAME=VALUE, or NAME= to turn it off'
@@ -62,7 +96,7 @@ PICTURES = ('.png', '.pdf', '.svg', '.jpg')
 
 
 def picture(text: str) -> Path:
-    """Return the path of a picture, checked for a supported suffix."""
+    """Return the path of a picture. Raises ArgumentTypeError for an unsupported suffix."""
     path = Path(text)
     if path.suffix not in PICTURES:
         rule = f'must end in {" or ".join(PICTURES)}'
@@ -71,7 +105,7 @@ def picture(text: str) -> Path:
 
 
 def page(text: str) -> Path:
-    """Return the path of a report page, which must end in .html."""
+    """Return the path of a report page. Raises ArgumentTypeError unless it ends in .html."""
     path = Path(text)
     if path.suffix != '.html':
         raise argparse.ArgumentTypeError(f'{printable(shown(text))}: must end in .html')
@@ -79,7 +113,7 @@ def page(text: str) -> Path:
 
 
 def if_in_use(cause: BaseException | None) -> str:
-    """Return advice if another process has the port open."""
+    """Return advice if `cause` is a port that another process has open, else ''."""
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
         return ''
     return (
@@ -95,13 +129,16 @@ def _number(text: str) -> int | float:
         return int(text)
     except ValueError:
         number = float(text)
-    if math.isinf(number) and 'inf' not in text.lower():  # more digits than a number can have
+    if math.isinf(number) and 'inf' not in text.lower():  # such as 1e999
         raise OverflowError
     return number
 
 
 def with_start_joined(arguments: Sequence[str]) -> list[str]:
-    """Make `--start -1.0,0.2` one word, because argparse would read an option."""
+    """Return the arguments with `--start -1.0,0.2` joined to one, by `=`.
+
+    argparse would read the value as an option, because it starts with a minus sign.
+    """
     joined: list[str] = []
     for word in arguments:
         if joined and joined[-1] == '--start':

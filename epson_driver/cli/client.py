@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run epson_driver client`: the ROS 2 node, or several of them in one process."""
+"""`epson_driver client`: the driver's ROS 2 node, or several of them in one process."""
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 
@@ -11,10 +12,11 @@ from rclpy.utilities import remove_ros_args
 from epson_driver.cli.arguments import help_texts
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
+from epson_driver.setup.table import ROWS
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM and return the exit code of `run`."""
+    """Run the nodes until SIGINT or SIGTERM, and return the exit code."""
     try:
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
     except (RuntimeError, ValueError) as error:  # from rcl. ValueError: not valid text
@@ -33,6 +35,14 @@ def _namespaces(arguments: Sequence[str]) -> list[str]:
                 'client --namespace left --namespace right --ros-args --params-file FILE',
             ),
             '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
+            '\n'.join(
+                (
+                    '\nparameters (-p NAME:=VALUE) and their defaults:',
+                    *(f'  {row.name:40} {json.dumps(row.default)}' for row in ROWS.values()),
+                    '',
+                    '`ros2 param describe /epson_driver NAME` describes one while the node runs.',
+                )
+            ),
         ),
     )
     parser.add_argument(

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver demo`: a planned trajectory through real ROS 2 to a simulated controller.
+"""`epson_driver demo`: executes a planned trajectory through ROS 2 on a simulated controller.
 
-Starts sim_controller and client as separate processes, enables the arm, sends the trajectory as a
-FollowJointTrajectory goal, and reports the measured motion. With --compare it runs twice: with a
-controller that rests at every point, then with one that smooths. With --stay, controller and
-driver keep running afterwards, with a panel in the browser.
+The demo starts sim_controller and client as separate processes, enables the arm, sends the
+trajectory as a FollowJointTrajectory goal, and reports the measured motion. With --compare it runs
+twice: with a controller that rests at every point, then with one that smooths. With --stay,
+controller and driver keep running afterwards, with a panel in the browser.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import help_texts, page, picture
+from epson_driver.cli.arguments import add_controller, add_robot, help_texts, page, picture
 from epson_driver.demo.run import run
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
@@ -29,17 +29,20 @@ from epson_driver.robots.model import SCARA, SIX_AXIS
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory
 
-ROBOT = 'c3_a601s'
 TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
 TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
 """Default trajectories: the first for six-axis arms, the second for SCARAs."""
 
 NATIVE = 'simulated'
-"""The profile to which a SPEL+ program is compared. Its program is built in."""
+"""Profile with which --compare compares a SPEL+ program. Its program is built in."""
 
 
 def main() -> int:
-    """Run the demo. Returns 0 only if the arm followed the plan, 3 if that is uncertain."""
+    """Run the demo, and return the exit code.
+
+    0: the arm followed the plan. 1: it did not, or the demo failed. 2: the panel is not installed.
+    3: uncertain. 130: Ctrl-C.
+    """
     arguments = _arguments()
     console = Console()
     if arguments.panel and panel_missing():
@@ -75,12 +78,7 @@ def _arguments() -> argparse.Namespace:
             '3 uncertain, 130 Ctrl-C',
         ),
     )
-    parser.add_argument(
-        '--robot',
-        default=ROBOT,
-        metavar='MODEL',
-        help='robot model, six-axis or SCARA (default: %(default)s)',
-    )
+    add_robot(parser)
     parser.add_argument(
         '--trajectory',
         type=Path,
@@ -88,12 +86,7 @@ def _arguments() -> argparse.Namespace:
         help=f'JointTrajectory as YAML (default: {TRAJECTORY.name}, for SCARAs '
         f'{TRAJECTORY_OF_SCARAS.name})',
     )
-    parser.add_argument(
-        '--controller',
-        default=NATIVE,
-        help='controller profile, or a .yaml file (spel: the SPEL+ program for real controllers, '
-        'default: %(default)s)',
-    )
+    add_controller(parser, 'controller profile (spel: the SPEL+ program for real controllers)')
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
@@ -147,9 +140,9 @@ def _arguments() -> argparse.Namespace:
 
 
 def _fitting(file: Path, model: RobotModel) -> Trajectory:
-    """Return the trajectory in a file, its joints in the robot's order.
+    """Return the trajectory in a file, with its joints in the model's order.
 
-    Raises InputError if it has other joints, and as `read_trajectory` does.
+    Raises InputError if its joints are not those of the model, or if the file is invalid.
     """
     trajectory = read_trajectory(file)
     if sorted(trajectory.joint_names) != sorted(model.joint_names):
@@ -161,12 +154,9 @@ def _fitting(file: Path, model: RobotModel) -> Trajectory:
 
 
 def _motions(arguments: argparse.Namespace) -> list[tuple[str, str]]:
-    """Return the motions to run, in order, each with its controller profile.
-
-    The last one uses the requested controller.
-    """
-    asked = arguments.controller
+    """Return the motions to run, in order, each with its controller profile."""
+    profile = arguments.controller
     if arguments.spel:
-        return [*([('smooth', NATIVE)] if arguments.compare else []), ('spel', asked)]
+        return [*([('smooth', NATIVE)] if arguments.compare else []), ('spel', profile)]
     motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion or 'smooth',)
-    return [(motion, asked) for motion in motions]
+    return [(motion, profile) for motion in motions]

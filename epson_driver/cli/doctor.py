@@ -20,9 +20,10 @@ from rich.padding import Padding
 from rich.table import Table
 
 from epson_driver.cli.arguments import (
-    FREE_PORT,
-    LOGIN_HELP,
-    PORT_HELP,
+    add_controller,
+    add_password,
+    add_ports,
+    add_robot,
     argument,
     help_texts,
     host,
@@ -46,12 +47,18 @@ COLOURS = {
     Level.SKIPPED: 'dim',
 }
 
-GRAPH_PATIENCE_S = 3.0
+DISCOVERY_S = 3.0
+"""Time for ROS to discover the other nodes, s."""
+
 GRAPH_TIMEOUT_S = 60.0
+"""Timeout of the process that reads the ROS graph, s."""
 
 
 def main() -> int:
-    """Run all permitted checks. Returns 0 if nothing is wrong, else 1."""
+    """Run all permitted checks, and return the exit code.
+
+    0: nothing is wrong and nothing inhibits motion. 1: something is or does. 130: Ctrl-C.
+    """
     parser = _parser()
     arguments = parser.parse_args()
     if arguments.address is None and (arguments.learn or arguments.ask or arguments.jog):
@@ -66,7 +73,7 @@ def main() -> int:
     console = Console(highlight=False)
     facts: Facts = {}
     try:
-        with console.status('') as status, _looked_around() as graph:
+        with console.status('') as status, _graph_reader() as graph:
             findings = Findings(lambda finding: tell(console, finding), status.update)
             console.rule('why does it not move?', align='left')
             if arguments.address is not None:
@@ -86,14 +93,14 @@ def main() -> int:
 
 
 async def _asked(before: Callable[[], None], sentence: str) -> str:
-    before()  # nothing else may write while a person types
+    before()  # ends the other output while a person types
     return await asyncio.to_thread(input, sentence)
 
 
 @contextmanager
-def _looked_around() -> Iterator[subprocess.Popen[str]]:
-    """Query this ROS domain in another process while the block runs."""
-    command = module_command('epson_driver.doctor.ros_graph', f'{GRAPH_PATIENCE_S:g}')
+def _graph_reader() -> Iterator[subprocess.Popen[str]]:
+    """Run a process that prints the drivers of this ROS domain, and end it after the block."""
+    command = module_command('epson_driver.doctor.ros_graph', f'{DISCOVERY_S:g}')
     with subprocess.Popen(  # noqa: S603 - our own
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
@@ -107,8 +114,8 @@ def _question(
     arguments: argparse.Namespace, profile: ControllerProfile, model: RobotModel
 ) -> Question:
     def port(name: str) -> int:
-        given = getattr(arguments, f'{name}_port')
-        return int(getattr(profile.ports, name) if given is None else given)
+        requested = getattr(arguments, f'{name}_port')
+        return int(getattr(profile.ports, name) if requested is None else requested)
 
     return Question(
         host=arguments.address,
@@ -128,7 +135,7 @@ def _question(
 def _finish(
     arguments: argparse.Namespace, findings: Findings, facts: Facts, console: Console
 ) -> int:
-    """Write the files, and print the verdict."""
+    """Write the files of --learn and --save, print the verdict, and return the exit code."""
     if arguments.learn is not None:
         if facts:
             about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
@@ -153,7 +160,7 @@ def _finish(
 
 
 def tell(console: Console, finding: Finding) -> None:
-    """Show a finding on one line, and its remedy on another, wrapped at words on a terminal."""
+    """Print a finding, and its remedy on another line. A terminal wraps both at words."""
     about, result = escape(printable(finding.about)), escape(printable(finding.found))
     level = f'[{COLOURS[finding.level]}]{finding.level.value:8}[/]'
     rows = [(level, f'[bold]{about}[/]: {result}')]
@@ -171,7 +178,7 @@ def tell(console: Console, finding: Finding) -> None:
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
-    """Report the drivers, and compare the joints of a running MoveIt with the model's."""
+    """Report the drivers in the ROS graph, and compare MoveIt's joints with the model's."""
     try:
         report, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
         result = json.loads(report.strip().rpartition('\n')[2])
@@ -209,26 +216,17 @@ def _parser() -> argparse.ArgumentParser:
         'address',
         nargs='?',
         type=host,
+        metavar='ADDRESS',
         help='address of the controller (default: none, only ROS and this machine are checked)',
     )
-    parser.add_argument(
-        '--controller',
-        default='simulated',
-        metavar='PROFILE',
-        help='expected controller profile: simulated for the built-in simulation, spel for an '
-        'EPSON controller with our program (default: %(default)s)',
+    add_controller(
+        parser,
+        'expected controller profile (simulated: the built-in simulation, spel: an EPSON '
+        'controller with our program)',
     )
-    parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
-    )
-    for name in ('state', 'motion', 'io', 'remote'):
-        parser.add_argument(
-            f'--{name}-port',
-            type=argument(FREE_PORT),
-            metavar='PORT',
-            help=PORT_HELP.format(name) + ('' if name == 'state' else ', 0: not checked') + ')',
-        )
-    parser.add_argument('--password', default='', help=LOGIN_HELP)
+    add_robot(parser)
+    add_ports(parser, 'not checked')
+    add_password(parser)
     parser.add_argument(
         '--seconds',
         type=argument(number(MIN_LISTENING_S, 600.0)),

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver exercise -- COMMAND…`: run a user's program once per fault."""
+"""`epson_driver exercise -- COMMAND …`: run a user's program once per fault."""
 
 import argparse
 import shlex
@@ -16,7 +16,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, help_texts, with_start_joined
+from epson_driver.cli.arguments import (
+    add_controller,
+    add_robot,
+    argument,
+    help_texts,
+    with_start_joined,
+)
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.runner import CASES, NO_FAULT, Exercise, run_case
 from epson_driver.inputs import InputError, count, number, printable, write_file
@@ -26,13 +32,16 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 USUAL_ATTEMPTS = 3
-"""Maximum runs without a fault. On a busy machine, controller or driver may stall in one."""
+"""Maximum number of runs without a fault. A busy machine may disturb one of them."""
 
 COLOURS = {Verdict.FINISHED: 'green', Verdict.GAVE_UP: 'cyan'}
 
 
 def main() -> int:
-    """Exercise a program. Returns 0 if it behaved in every case, 1 if not, 2 if it cannot run."""
+    """Run a program once per fault, and return the exit code.
+
+    0: it finished or gave up with a reason in every case. 1: it did not. 2: it could not run.
+    """
     parser = _parser()
     arguments = parser.parse_args(with_start_joined(sys.argv[1:]))
     if arguments.list:
@@ -171,12 +180,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar='NAME',
         help='fault to test (repeatable, default: all of --list)',
     )
-    parser.add_argument('--list', action='store_true', help='list of the faults')
+    parser.add_argument('--list', action='store_true', help='list the faults and exit')
     parser.add_argument(
         '--seed',
         type=argument(count(0, 2**31 - 1)),
         default=0,
-        help='random seed (default: %(default)s)',
+        metavar='N',
+        help='seed for random faults (default: %(default)s)',
     )
     parser.add_argument(
         '--timeout',
@@ -185,23 +195,25 @@ def _parser() -> argparse.ArgumentParser:
         metavar='S',
         help='time limit of a run, s (default: %(default)s)',
     )
+    add_robot(parser)
+    add_controller(parser)
     parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
+        '--start',
+        metavar='Q1,Q2,…',
+        help='initial joint positions, rad or m (default: all 0)',
     )
-    parser.add_argument(
-        '--controller',
-        default='simulated',
-        metavar='PROFILE',
-        help='controller profile (default: %(default)s)',
-    )
-    parser.add_argument('--start', metavar='Q1,Q2,…', help='initial joint positions, rad or m')
     parser.add_argument(
         '--not-enabled',
         action='store_true',
         help='start with a disabled arm: the program calls ~/enable',
     )
-    parser.add_argument('--junit', type=Path, metavar='FILE', help='JUnit XML file, for CI')
     parser.add_argument(
-        '--keep', type=Path, metavar='FOLDER', help='new folder for logs and traces'
+        '--junit', type=Path, metavar='FILE', help='JUnit XML file for the results (default: none)'
+    )
+    parser.add_argument(
+        '--keep',
+        type=Path,
+        metavar='FOLDER',
+        help='new folder in which logs and traces are kept (default: they are deleted at the end)',
     )
     return parser

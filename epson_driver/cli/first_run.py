@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver first-run ADDRESS`: the first run of a real robot, step by step, in one file."""
+"""`epson_driver first-run ADDRESS`: guides an operator through the first run of a real robot."""
 
 import argparse
 import asyncio
@@ -16,10 +16,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from epson_driver.cli.arguments import (
-    FREE_PORT,
-    LOGIN_HELP,
-    PORT_HELP,
-    argument,
+    add_controller,
+    add_password,
+    add_ports,
+    add_robot,
     help_texts,
     host,
 )
@@ -35,10 +35,11 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 LISTENING_S = 5.0
+"""Duration for which the state port is observed, s."""
 
 
 def main() -> int:
-    """Run the steps. Returns 0 if none remains, 1 if some do, 2 for wrong arguments."""
+    """Run the steps. Returns 0 if all are done, 1 if some failed or remain, 130 after Ctrl-C."""
     parser = _parser()
     arguments = parser.parse_args()
     path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
@@ -67,12 +68,12 @@ def main() -> int:
         message = f'[bold]habit[/]  {escape(printable(habit))}'
         console.print(message, soft_wrap=not console.is_terminal)
     console.print(f'page, also for sim_controller --profile-from: {printable(path)}')
-    left = [name for name, item in book.entries.items() if item.state == 'failed']
-    return int(bool(left) or not ended)
+    failed = any(item.state == 'failed' for item in book.entries.values())
+    return int(failed or not ended)
 
 
 def _tell(console: Console, finding: Finding) -> None:
-    if finding.level is not Level.SKIPPED:  # a later step covers it
+    if finding.level is not Level.SKIPPED:  # a later step makes the skipped checks
         tell(console, finding)
 
 
@@ -82,15 +83,18 @@ def _say(console: Console, text: str) -> None:
 
 
 class _Keyboard:
-    """Lines of standard input without a thread: Ctrl-C must not have to wait for one."""
+    """Reads lines of standard input without a thread, because a thread would delay Ctrl-C."""
 
     def __init__(self) -> None:
         self._typed = b''
 
     async def ask(self, sentence: str) -> str:
-        """Show a sentence and return the line typed after it. Raises EOFError."""
+        """Print a question, and return the line typed after it.
+
+        Raises EOFError if standard input is closed.
+        """
         loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
-        if os.isatty(file):  # an earlier line answers another question
+        if os.isatty(file):  # drop lines typed before the question
             termios.tcflush(file, termios.TCIFLUSH)
             self._typed = b''
         print(sentence, end='', flush=True)
@@ -98,7 +102,7 @@ class _Keyboard:
             ready = asyncio.Event()
             try:
                 loop.add_reader(file, ready.set)
-            except PermissionError:  # a file, which is always ready
+            except PermissionError:  # a regular file, which is always readable
                 ready.set()
             try:
                 await ready.wait()
@@ -132,8 +136,8 @@ def _question(arguments: argparse.Namespace) -> Question:
     profile = load_controller_profile(arguments.controller)
 
     def port(name: str) -> int:
-        given = getattr(arguments, f'{name}_port')
-        return int(getattr(profile.ports, name) if given is None else given)
+        requested = getattr(arguments, f'{name}_port')
+        return int(getattr(profile.ports, name) if requested is None else requested)
 
     return Question(
         host=arguments.address,
@@ -165,24 +169,15 @@ def _parser() -> argparse.ArgumentParser:
         ),
         allow_abbrev=False,
     )
-    parser.add_argument('address', type=host, help="the controller's address")
-    parser.add_argument(
-        '--controller',
-        default='simulated',
-        metavar='PROFILE',
-        help='expected controller profile (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
-    )
+    parser.add_argument('address', type=host, metavar='ADDRESS', help='address of the controller')
+    add_controller(parser, 'expected controller profile')
+    add_robot(parser)
     parser.add_argument(
         '--file',
         type=Path,
         metavar='FILE',
         help='page with the results (default: first_run_ADDRESS.html)',
     )
-    for name in ('state', 'motion', 'io', 'remote'):
-        text = PORT_HELP.format(name) + ('' if name == 'state' else ', 0: not used') + ')'
-        parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
-    parser.add_argument('--password', default='', help=LOGIN_HELP)
+    add_ports(parser, 'not used')
+    add_password(parser)
     return parser

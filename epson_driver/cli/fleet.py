@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver fleet`: run simulated robots with a discovery server, and show their state."""
+"""`epson_driver fleet`: runs simulated robots with a discovery server, and shows their state."""
 
 import argparse
 import math
@@ -35,12 +35,16 @@ from epson_driver.processes.processes import Process, RunError
 
 PROGRAM, START_TIMEOUT_S = 'fast-discovery-server', 300.0
 SERVER, RANGE = 'ROS_DISCOVERY_SERVER', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-WINDOW_S, KEPT = 2.0, 2000
-"""The table shows means over this window, s, from at most KEPT joint states of a robot."""
+WINDOW_S, QUEUE = 2.0, 2000
+"""Interval over which the table shows means, s, and the most joint states counted in it."""
 
 
 class Row(NamedTuple):
-    """One robot: its driver's link state or the process that has ended, cores, bytes."""
+    """One row of the table.
+
+    `state`: the driver's link state, or the process that has ended. `rate`: joint states, Hz.
+    `cpu`: cores in use. `memory`: bytes.
+    """
 
     name: str
     state: str
@@ -50,12 +54,15 @@ class Row(NamedTuple):
 
     @property
     def up(self) -> bool:
-        """Whether both processes run, and the driver is connected and sends its state."""
+        """Whether both processes run, and the driver is connected and sends joint states."""
         return self.state == 'connected' and self.rate > 0.0
 
 
 class Fleet:
-    """The running robots, driver and controller by namespace, and their received joint states."""
+    """The running robots, and the states received from their drivers.
+
+    `robots`: the processes of driver and controller, by namespace.
+    """
 
     def __init__(self, robots: dict[str, tuple[Process, Process]]) -> None:
         self._robots = robots
@@ -74,24 +81,24 @@ class Fleet:
             topic = f'/{name}/epson_driver/link_state'
             self._node.create_subscription(String, topic, received, latched)
             topic = f'/{name}/joint_states'
-            self._states[name] = sampled(self._counter, JointState, topic, KEPT, raw=True)
+            self._states[name] = sampled(self._counter, JointState, topic, QUEUE, raw=True)
 
     def rows(self) -> list[Row]:
-        """Listen for one window, and return each robot's figures in it."""
-        before, began, _ = self._used(), time.monotonic(), self._count()
-        while (left := began + WINDOW_S - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=min(left, 0.1))
-        after, counts, lasted = self._used(), self._count(), time.monotonic() - began
+        """Measure for WINDOW_S, and return a row for each robot."""
+        before, start, _ = self._used(), time.monotonic(), self._count()
+        while (remaining := start + WINDOW_S - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=min(remaining, 0.1))
+        after, counts, duration = self._used(), self._count(), time.monotonic() - start
         rows = []
         for name, both in self._robots.items():
             ended = [f'{p.name} ended: {p.returncode}' for p in both if p.returncode is not None]
             cpu, memory = after[name][0] - before[name][0], after[name][1]
-            state, rate = (*ended, self._links[name])[0], counts[name] / lasted
-            rows.append(Row(name, state, rate, max(cpu, 0.0) / lasted, memory))
+            state, rate = (*ended, self._links[name])[0], counts[name] / duration
+            rows.append(Row(name, state, rate, max(cpu, 0.0) / duration, memory))
         return rows
 
     def _count(self) -> dict[str, int]:
-        return {name: len(take_all(item, KEPT)) for name, item in self._states.items()}
+        return {name: len(take_all(item, QUEUE)) for name, item in self._states.items()}
 
     def _used(self) -> dict[str, tuple[float, int]]:
         both = {name: [_use(p.process_id) for p in both] for name, both in self._robots.items()}
@@ -111,7 +118,7 @@ def _use(process_id: int) -> tuple[float, int]:
 
 
 def table(rows: list[Row]) -> Table:
-    """Return a table with a line for each robot, and one for all."""
+    """Return a table with a row for each robot, and their totals as footer."""
     shown = Table(box=None, show_footer=True, padding=(0, 2, 0, 0))
     totals = (min(r.rate for r in rows), sum(r.cpu for r in rows), sum(r.memory for r in rows))
     footers = ('all', f'{sum(row.up for row in rows)} of {len(rows)}', *_figures(*totals))
@@ -129,13 +136,14 @@ def _figures(rate: float, cpu: float, memory: int) -> tuple[str, str, str]:
 
 @contextmanager
 def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
-    """Run a fleet in a ROS domain of this machine, until the block ends, with logs in `folder`.
+    """Run `size` robots in a ROS domain of this machine until the block ends.
 
-    Yields the environment that another terminal needs to find it. Raises RunError. The server uses
+    Logs go to `folder`. Yields the fleet, and the environment variables with which another
+    terminal can see it. Raises RunError if a process cannot be started. The discovery server uses
     no shared memory, because the files left by killed processes in /dev/shm can block its answers.
     """
-    beside = Path(sys.executable).with_name(PROGRAM)  # in an environment made by pip
-    server = str(beside) if beside.is_file() else shutil.which(PROGRAM)
+    installed = Path(sys.executable).with_name(PROGRAM)  # by pip
+    server = str(installed) if installed.is_file() else shutil.which(PROGRAM)
     if server is None:
         raise RunError(f'no {PROGRAM}: it comes with Fast DDS (apt install ros-jazzy-fastrtps)')
     domain = processes.free_ros_domain()
@@ -167,7 +175,10 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
 
 
 def main() -> int:
-    """Run until Ctrl-C or for the given time. Returns 0 if all robots were up to the end."""
+    """Run the fleet until Ctrl-C or for --seconds, and return the exit code.
+
+    0: all robots were up until the end. 1: some were not. 130: Ctrl-C before all were up.
+    """
     parser = argparse.ArgumentParser(
         prog='epson_driver fleet',
         **help_texts(

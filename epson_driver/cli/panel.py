@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver panel`: the robots in a browser."""
+"""`epson_driver panel`: shows and operates robots in a browser."""
 
 import argparse
 import logging
@@ -20,14 +20,12 @@ from epson_driver.processes.interrupt import ending_signals
 from epson_driver.share import share_folder
 from epson_driver.trajectory_file import read_trajectory
 
-PORT = 8080
-
-
 TOKEN_BYTES = 24
+"""Random bytes in the token of a panel that other machines can reach."""
 
 
 def main() -> int:
-    """Serve the page until SIGINT or SIGTERM. Return 0 then, 1 if it cannot be served."""
+    """Serve the page until SIGINT or SIGTERM, and return 0. Returns 1 if that is impossible."""
     parser = _parser()
     try:
         options = parser.parse_args(remove_ros_args(sys.argv)[1:])
@@ -39,7 +37,7 @@ def main() -> int:
         return 1
     logging.basicConfig(level=logging.INFO, format='%(message)s')
     logging.getLogger('websockets').setLevel(logging.ERROR)
-    from epson_driver.panel.panel import Panel, address  # imports websockets
+    from epson_driver.panel.panel import Panel, address  # here, because it imports websockets
     from epson_driver.panel.web_server import WebServerError
 
     token = None if is_loopback(options.host) else secrets.token_urlsafe(TOKEN_BYTES)
@@ -63,7 +61,10 @@ def main() -> int:
 
 
 def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
-    """Read trajectories, by default the ones of this package. Raises InputError, OSError."""
+    """Return the trajectories in the files by name, by default those of this package.
+
+    Raises InputError or OSError if a file is unusable.
+    """
     paths = files or sorted(share_folder('config', 'trajectories').glob('*.yaml'))
     return {path.stem: read_trajectory(path) for path in paths}
 
@@ -74,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
         **help_texts(
             'Show the robots in a browser: 3D view, status, curves, log and buttons.',
             ('panel', 'panel --port 8081 --robot /left/epson_driver --allow-motion'),
-            '0 stopped by a signal, 1 cannot start, 2 invalid arguments',
+            '0 stopped by a signal, 1 cannot start or internal error, 2 invalid arguments',
         ),
         allow_abbrev=False,
     )
@@ -82,13 +83,15 @@ def _parser() -> argparse.ArgumentParser:
         '--host',
         type=host,
         default='127.0.0.1',
-        help='address to listen on (default: %(default)s); requests to a public address need the '
-        'printed token',
+        metavar='ADDRESS',
+        help='address to listen on (default: %(default)s). Unless only this machine can reach it, '
+        'the page needs the printed token',
     )
     parser.add_argument(
         '--port',
         type=argument(FREE_PORT),
-        default=PORT,
+        default=8080,
+        metavar='PORT',
         help='port to listen on (0: any free port, default: %(default)s)',
     )
     parser.add_argument(

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pendant`: a person's actions at a controller. Each answer names the controller."""
+"""`epson_driver pendant`: operator actions at a controller, which each output line names."""
 
 import argparse
 import asyncio
 import sys
 from contextlib import suppress
 
-from epson_driver.cli.arguments import LOGIN_HELP, PORT, argument, help_texts, host
+from epson_driver.cli.arguments import PORT, add_password, argument, help_texts, host
 from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
@@ -37,41 +37,69 @@ from epson_driver.sim_controller.faults.fault_kinds import describe
 
 STATUS, KINDS = 'status', 'fault kinds'
 WORDS = {STATUS: 'state of the controller', KINDS: 'list the kinds of faults', **FORMS}
-WORDS |= {words: each.done or 'list all' for words, each in ACTIONS.items()}
+WORDS |= {words: action.done or 'list all' for words, action in ACTIONS.items()}
+ONLY_SIMULATED = {
+    *(name for name in FORMS if not name.startswith('io ')),
+    *(
+        name
+        for name, action in ACTIONS.items()
+        if all(command.startswith('Sim,') for command in action.commands)
+    ),
+}
+"""Actions that a real controller refuses."""
 
 
 def main() -> int:
-    """Do one action. Returns 0 if it was done, 1 if it was refused or not answered."""
+    """Perform one action. Returns 0 if it was done, 1 if it was refused or got no answer."""
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
         **help_texts(
             'Perform operator actions at a controller.',
             ('pendant status', 'pendant --port 5000 estop press'),
-            '0 done, 1 refused or no answer, 2 invalid arguments',
-            '\n'.join(('\nactions:', *(f'  {name:26}{text}' for name, text in WORDS.items()))),
+            '0 done, 1 refused or no answer, 2 invalid arguments, 130 Ctrl-C',
+            '\n'.join(
+                (
+                    '\nactions (*: only at a simulated controller):',
+                    *(
+                        f'  {name:26}{"*" if name in ONLY_SIMULATED else " "} {text}'
+                        for name, text in WORDS.items()
+                    ),
+                )
+            ),
         ),
         allow_abbrev=False,
     )
-    port, time = argument(PORT), argument(number(0.1, 3600.0, 's'))
     parser.add_argument(
-        '--host', type=host, default='127.0.0.1', help='controller address (default: %(default)s)'
+        '--host',
+        type=host,
+        default='127.0.0.1',
+        metavar='ADDRESS',
+        help='address of the controller (default: %(default)s)',
     )
     parser.add_argument(
-        '--port', type=port, default=5000, help='remote port (default: %(default)s)'
+        '--port',
+        type=argument(PORT),
+        default=5000,
+        metavar='PORT',
+        help='remote port (default: %(default)s)',
     )
-    parser.add_argument('--password', default='', help=LOGIN_HELP)
+    add_password(parser)
     parser.add_argument(
-        '--timeout', type=time, default=5.0, help='time limit, s (default: %(default)g)'
+        '--timeout',
+        type=argument(number(0.1, 3600.0, 's')),
+        default=5.0,
+        metavar='S',
+        help='time limit, s (default: %(default)g)',
     )
     parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
-    given = parser.parse_args()
-    message, address = ' '.join(given.words), f'{given.host}:{given.port}'
+    arguments = parser.parse_args()
+    message, address = ' '.join(arguments.words), f'{arguments.host}:{arguments.port}'
     if message == KINDS:
         print(describe())
         return 0
     try:
-        asked = Action((), stops=True) if message == STATUS else action(message)
-        print(asyncio.run(_ask(asked, message, given)))
+        requested = Action((), stops=True) if message == STATUS else action(message)
+        print(asyncio.run(_perform(requested, message, arguments)))
     except UsageError as error:
         parser.error(str(error))
     except RemoteError as error:
@@ -79,7 +107,7 @@ def main() -> int:
     except RefusedError as error:
         print(f'refused: {error}', file=sys.stderr)
     except TimeoutError:
-        print(f'no answer from {address} in {given.timeout:g} s', file=sys.stderr)
+        print(f'no answer from {address} in {arguments.timeout:g} s', file=sys.stderr)
     except ConnectionError as error:
         print(f'no controller: {error}', file=sys.stderr)
     else:
@@ -87,34 +115,41 @@ def main() -> int:
     return 1
 
 
-async def _ask(asked: Action, command: str, given: argparse.Namespace) -> str:
-    """Return the answer and its controller. Queries and stops are retried after a disconnect."""
-    place, tries = (given.host, given.port, given.timeout), round(given.timeout / 0.2)
-    async with asyncio.timeout(given.timeout):
+async def _perform(requested: Action, command: str, arguments: argparse.Namespace) -> str:
+    """Connect, perform an action, and return the text to print.
+
+    Queries and stops are repeated after a disconnect.
+    """
+    place = (arguments.host, arguments.port, arguments.timeout)
+    address, tries = f'{arguments.host}:{arguments.port}', round(arguments.timeout / 0.2)
+    async with asyncio.timeout(arguments.timeout):
         while True:
             try:
-                if asked.commands and asked.commands[0].startswith('Sim,'):
-                    async with connected(*place) as ask:  # which needs no login
+                if requested.commands and requested.commands[0].startswith('Sim,'):
+                    async with connected(*place) as ask:  # $Sim needs no login
                         if await told(ask, 'Sim,identity'):
-                            return await _done(ask, asked, command, f'{given.host}:{given.port}')
-                async with logged_in(*place, given.password, max(MAX_LOGINS, tries)) as ask:
-                    return await _done(ask, asked, command, f'{given.host}:{given.port}')
+                            return await _result(ask, requested, command, address)
+                async with logged_in(*place, arguments.password, max(MAX_LOGINS, tries)) as ask:
+                    return await _result(ask, requested, command, address)
             except HungUpError:
-                if asked.done and not asked.stops:
+                if requested.done and not requested.stops:
                     raise
                 await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
 
 
-async def _done(ask: Ask, asked: Action, command: str, address: str) -> str:
-    """Do it, and return the answer and the controller's identity."""
+async def _result(ask: Ask, requested: Action, command: str, address: str) -> str:
+    """Perform an action, and return its result with the controller's identity.
+
+    Raises RefusedError if the controller refuses the action.
+    """
     try:
-        if asked.commands:
-            value = (await do(ask, asked)).replace(';', '\n') or 'none'
+        if requested.commands:
+            value = (await do(ask, requested)).replace(';', '\n') or 'none'
         else:
             value = await _status(ask)
     except RefusedError as error:
         raise RefusedError(f'{await _reason(ask, error)} [{await _who(ask, address)}]') from error
-    return f'{asked.done or f"{command}: {value}"} [{await _who(ask, address)}]'
+    return f'{requested.done or f"{command}: {value}"} [{await _who(ask, address)}]'
 
 
 async def _who(ask: Ask, address: str) -> str:
@@ -126,7 +161,7 @@ async def _who(ask: Ask, address: str) -> str:
 
 
 async def _reason(ask: Ask, error: RefusedError) -> str:
-    """Return why the controller refused: in its own words, or from its flags."""
+    """Return why the controller refused: its own text, or the cause that its flags show."""
     text = str(error)
     with suppress(RemoteError):
         if error.number == RemoteErrorNumber.NOT_READY and not error.explained:
@@ -140,7 +175,7 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
 
 
 async def _status(ask: Ask) -> str:
-    """Return the full state report of a controller, real or simulated, as rows of text."""
+    """Return the state of a controller as lines. A simulated one reports more of them."""
     flags, shown = await ask_flags(ask)
     texts, motor = load_error_texts(), (await told(ask, 'GetMotor,0')).split(',')
     condition, names = await told(ask, 'Sim,condition'), ('joints', 'tasks', 'timing', 'fault')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of `spel check`, as text and in the formats of CI tools."""
+"""Exit code and output formats of `spel check`: text, and the formats of CI tools."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -12,9 +12,12 @@ from epson_driver.inputs import printable
 from epson_driver.spel import Problem
 from epson_driver.spel.lint import RULES
 
+FOUND = 1
+"""Exit code for a program with problems or failed tests."""
+
 
 def path_from_here(folder: Path, name: str) -> str:
-    """Return the name of a file in `folder`, relative to the current folder if it is inside."""
+    """Return the path of a file in `folder`, relative to the current folder if it is inside."""
     path = folder / name
     here = Path.cwd()
     if path.is_absolute() and path.is_relative_to(here):
@@ -23,11 +26,11 @@ def path_from_here(folder: Path, name: str) -> str:
 
 
 def placed(problems: Sequence[Problem], folder: Path) -> list[Problem]:
-    """Return problems whose files are named relative to the current folder."""
+    """Return the problems of a program in `folder`, with the file paths of `path_from_here`."""
     return [
-        replace(problem, position=at._replace(file=path_from_here(folder, at.file)))
+        replace(problem, position=position._replace(file=path_from_here(folder, position.file)))
         for problem in problems
-        for at in [problem.position]
+        for position in [problem.position]
     ]
 
 
@@ -62,7 +65,7 @@ def _escaped(text: str, signs: str = '%:,') -> str:
 
 
 def _github(problems: Sequence[Problem]) -> str:
-    """Return workflow commands, which show a problem at its line."""
+    """Return GitHub workflow commands, which make GitHub show each problem at its line."""
     return ''.join(
         f'::{_level(problem)} file={_escaped(problem.position.file)},line={problem.position.line},'
         f'col={problem.position.column},title={problem.rule}::{_escaped(problem.text, "%")}\n'
@@ -71,7 +74,7 @@ def _github(problems: Sequence[Problem]) -> str:
 
 
 def _sarif(problems: Sequence[Problem]) -> str:
-    """Return SARIF 2.1.0, which code scanning reads."""
+    """Return SARIF 2.1.0, the input of code scanning tools."""
     used = sorted({problem.rule for problem in problems})
     results = [
         {
@@ -113,4 +116,4 @@ FORMATS: dict[str, Callable[[Sequence[Problem]], str]] = {
     'github': _github,
     'sarif': _sarif,
 }
-"""By name."""
+"""The functions that format problems, by the values of --format."""

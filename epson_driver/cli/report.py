@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver report FILE …`: what happened in a run, as one HTML page, JSON, or an MCAP bag."""
+"""`epson_driver report FILE …`: reports on recorded runs, as HTML, JSON, or an MCAP bag."""
 
 import argparse
 from pathlib import Path
 
-from epson_driver.cli.arguments import help_texts
+from epson_driver.cli.arguments import add_controller, add_robot, help_texts
 from epson_driver.cli.arguments import page as page_path
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
@@ -21,21 +21,21 @@ INSTALL = "pip install 'epson_driver[report]'"
 
 
 def main() -> int:
-    """Write the reports. Returns 0, or exits with 2 and a sentence if a file has no run in it."""
+    """Write the reports and return 0. Exits with 2 if a file cannot be reported on."""
     parser = _parser()
     arguments = parser.parse_args()
     if arguments.compare and len(arguments.files) != 2:
         parser.error(f'--compare needs two files, not {len(arguments.files)}')
     single = len(arguments.files) == 1 or arguments.compare
     if not single and (arguments.output or arguments.mcap):
-        parser.error('--output and --mcap write one report: give one file, or two with --compare')
+        parser.error('--output and --mcap need a single FILE (--output: or two with --compare)')
     if arguments.compare and arguments.mcap:
         parser.error('--mcap writes one run: omit --compare')
     try:
         model = load_robot_model(arguments.robot)
         runs = [_read(file, model, arguments) for file in arguments.files]
         if arguments.mcap is not None:
-            from epson_driver.report.bag_file import write_bag  # needs the extra
+            from epson_driver.report.bag_file import write_bag  # needs the extra `report`
 
             write_bag(*runs[0], arguments.mcap)
             print(f'bag: {arguments.mcap}')
@@ -54,14 +54,14 @@ def main() -> int:
 
 
 def default_output(group: list[tuple[Run, Figures]]) -> Path:
-    """Return the default path of a report, in the current folder."""
+    """Return the default path of the report on one run or two, in the current folder."""
     return Path('-'.join(Path(run.source).stem for run, _ in group) + '-report.html')
 
 
 def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple[Run, Figures]:
     texts = load_error_texts(load_controller_profile(arguments.controller).error_texts)
     if is_bag(file):
-        from epson_driver.report.bag_run import read_bag  # needs the extra
+        from epson_driver.report.bag_run import read_bag  # needs the extra `report`
 
         run = read_bag(file, texts, arguments.namespace)
     else:
@@ -75,7 +75,7 @@ def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag: a folder, an MCAP or a database file."""
+    """Return whether a path is a bag: a folder, an MCAP file or an SQLite file."""
     return path.is_dir() or path.suffix in ('.mcap', '.db3')
 
 
@@ -101,27 +101,28 @@ def _parser() -> argparse.ArgumentParser:
         '--output',
         type=page_path,
         metavar='FILE',
-        help='page, with a JSON file next to it (default: FILE-report.html in the current folder)',
+        help='page for a single FILE or for --compare, with a JSON file next to it '
+        '(default: FILE-report.html in the current folder)',
     )
     parser.add_argument(
         '--compare', action='store_true', help='one page with two runs side by side'
     )
     parser.add_argument(
-        '--mcap', type=Path, metavar='FOLDER', help='new folder for the run as an MCAP bag'
+        '--mcap',
+        type=Path,
+        metavar='FOLDER',
+        help='new folder for the run in a single FILE as an MCAP bag (default: none)',
+    )
+    add_robot(parser)
+    add_controller(parser, 'controller profile with the error texts')
+    parser.add_argument(
+        '--address',
+        metavar='ADDRESS',
+        help='address of the controller, needed if a trace has several',
     )
     parser.add_argument(
-        '--robot', default='c3_a601s', metavar='MODEL', help='robot model (default: %(default)s)'
-    )
-    parser.add_argument(
-        '--controller',
-        default='simulated',
-        metavar='PROFILE',
-        help='controller profile, for its error texts (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--address', metavar='ADDRESS', help='controller to report on, if a trace has several'
-    )
-    parser.add_argument(
-        '--namespace', metavar='NAME', help='namespace of the robot, if a bag has several'
+        '--namespace',
+        metavar='NAME',
+        help='namespace of the robot, needed if a bag has several',
     )
     return parser

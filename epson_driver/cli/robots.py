@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver robots [NAME]`: list the available robot models, or all numbers of one model."""
+"""`epson_driver robots [MODEL]`: lists the robot models, or all numbers of one model."""
 
 import argparse
 import os
@@ -27,11 +27,12 @@ from epson_driver.robots.reader import MARKS
 from epson_driver.robots.scara import scara_parameters
 
 COLOURS = dict(zip(MARKS, ('green', 'yellow', 'yellow', 'red'), strict=True))
+"""Colours of the words for the reliability of a number, such as confirmed or estimated."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of text. Marks are coloured on a terminal."""
+    """A table of text. A terminal shows the words of MARKS in colour."""
 
     title: str
     head: tuple[str, ...]
@@ -39,30 +40,33 @@ class Sheet:
 
 
 def main() -> int:
-    """List the models, or show one, and return 0, or end with 2 for no such model."""
+    """List the models, or show one, and return 0. Exits with 2 if the model is unknown."""
     parser = _parser()
     arguments = parser.parse_args()
-    if arguments.moveit and not arguments.name:
-        parser.error('--moveit: NAME is missing')
-    if arguments.picture and not arguments.name:
-        parser.error('--picture: NAME is missing')
+    if arguments.moveit and not arguments.model:
+        parser.error('--moveit: MODEL is missing')
+    if arguments.picture and not arguments.model:
+        parser.error('--picture: MODEL is missing')
     try:
         if arguments.picture:
-            draw_envelope(arguments.picture, load_robot_model(arguments.name))
+            draw_envelope(arguments.picture, load_robot_model(arguments.model))
             print(arguments.picture)
             return 0
         if arguments.moveit:
-            for path in write_moveit_package(arguments.name, arguments.moveit):
+            for path in write_moveit_package(arguments.model, arguments.moveit):
                 print(path)
             return 0
-        sheets = _shown(load_robot_model(arguments.name)) if arguments.name else _listed(arguments)
+        if arguments.model:
+            sheets = _sheets(load_robot_model(arguments.model))
+        else:
+            sheets = [_overview(arguments)]
     except (OSError, InputError, BringupError, PictureError) as error:
         parser.error(str(error))
     console = Console(highlight=False)
     plain = arguments.plain or not console.is_terminal
     try:
         _print(sheets, console, plain)
-    except BrokenPipeError:  # `| head` has ended: keep Python from flushing into the pipe at exit
+    except BrokenPipeError:  # `| head` has closed the pipe, into which Python flushes at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
@@ -81,47 +85,49 @@ def _parser() -> argparse.ArgumentParser:
         ),
     )
     parser.add_argument(
-        'name',
+        'model',
         nargs='?',
-        metavar='NAME',
-        help='robot model, such as c4_a601s or C4-A601S, or a .yaml file',
+        metavar='MODEL',
+        help='robot model, such as c4_a601s or C4-A601S, or a .yaml file (default: all models)',
     )
     parser.add_argument(
         '--search',
         default='',
         metavar='WORD',
-        help='only models with this word in the name or description',
+        help='only models with this word in the name or description (default: all)',
     )
     parser.add_argument(
         '--payload',
         type=float,
         default=0.0,
         metavar='KG',
-        help='only models with at least this payload',
+        help='only models with at least this payload, kg (default: all)',
     )
     parser.add_argument(
         '--reach',
         type=float,
         default=0.0,
         metavar='MM',
-        help='only models with at least this reach',
+        help='only models with at least this reach, mm (default: all)',
     )
     parser.add_argument(
-        '--plain', action='store_true', help='tabs instead of tables (default: in a pipe)'
+        '--plain',
+        action='store_true',
+        help='tabs instead of tables, which is always so in a pipe',
     )
     parser.add_argument(
         '--picture',
         type=picture,
         metavar='FILE',
-        help='plot of the working envelope of NAME, a SCARA from above, six axes from the side '
-        '(.png, .svg, .pdf)',
+        help='plot file for the working envelope of MODEL: a SCARA from above, six axes from the '
+        'side (.png, .svg, .pdf)',
     )
     parser.add_argument(
         '--moveit',
         type=Path,
         metavar='FOLDER',
-        help="folder for a new MoveIt package for NAME (MoveItConfigsBuilder('c4_a601s') finds it "
-        'if FOLDER is named c4_a601s_moveit_config)',
+        help='folder for a new MoveIt package for MODEL, which '
+        "MoveItConfigsBuilder('c4_a601s') finds if FOLDER is named c4_a601s_moveit_config",
     )
     return parser
 
@@ -142,17 +148,18 @@ def _print(sheets: Iterable[Sheet], console: Console, plain: bool) -> None:
         console.print(*[Text(sheet.title, style='bold')] * bool(sheet.title), table, sep='\n')
 
 
-def _listed(wanted: argparse.Namespace) -> list[Sheet]:
-    word = wanted.search.lower().replace('_', '-')
+def _overview(arguments: argparse.Namespace) -> Sheet:
+    """Return the table of the models that meet the requirements in the arguments."""
+    word = arguments.search.lower().replace('_', '-')
     models = [
         model
         for model in map(load_robot_model, robot_models())
         if word in model.description.lower()
-        and (model.payload or 0.0) >= wanted.payload
-        and model.reach[0] * 1e3 >= wanted.reach - 0.5
+        and (model.payload or 0.0) >= arguments.payload
+        and model.reach[0] * 1e3 >= arguments.reach - 0.5
     ]
     head = ('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', *MARKS)
-    return [Sheet('', head, tuple(_line(model) for model in models))]
+    return Sheet('', head, tuple(_line(model) for model in models))
 
 
 def _line(model: RobotModel) -> tuple[str, ...]:
@@ -170,7 +177,8 @@ def _line(model: RobotModel) -> tuple[str, ...]:
     )
 
 
-def _shown(model: RobotModel) -> list[Sheet]:
+def _sheets(model: RobotModel) -> list[Sheet]:
+    """Return the tables with all numbers of a model."""
     return [
         Sheet(
             f'{model.name}: {model.description}',
@@ -204,7 +212,10 @@ def _shown(model: RobotModel) -> list[Sheet]:
 
 
 def _quantities(model: RobotModel) -> Iterator[tuple[str, Array]]:
-    """Yield each quantity of the joints twice: in EPSON's units, and in SI units."""
+    """Yield the name and the values of each joint quantity.
+
+    Limits are included twice, in degrees or mm, and in SI units.
+    """
     limits = model.limits
     units = list(dict.fromkeys(limits.units))
     shown, si = ' or '.join(SHOWN_UNITS[unit][0] for unit in units), ' or '.join(units)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The doctor's look at this machine, as a check of `ros2 doctor` (entry point)."""
+"""A check for `ros2 doctor` that covers this machine, loaded through an entry point."""
 
 from ros2doctor.api import DoctorCheck, Result
 from ros2doctor.api.format import doctor_error, doctor_warn
@@ -10,17 +10,17 @@ from epson_driver.doctor.findings import Finding, Findings, Level
 
 
 class EpsonDriverCheck(DoctorCheck):  # type: ignore[misc]
-    """Message packages, middleware and discovery, as the driver needs them."""
+    """A check of the message packages, the middleware and the discovery settings."""
 
     def category(self) -> str:
-        """Return the name under which ros2 doctor counts it."""
+        """Return the name of this check in the summary of `ros2 doctor`."""
         return 'epson_driver'
 
     def check(self) -> Result:
-        """Return errors and warnings."""
+        """Run the check, and return its errors and warnings."""
         result = Result()
 
-        def tell(finding: Finding) -> None:
+        def add(finding: Finding) -> None:
             text = f'{finding.about}: {finding.found}; {finding.remedy}'
             if finding.level is Level.WRONG:
                 doctor_error(text)
@@ -29,5 +29,5 @@ class EpsonDriverCheck(DoctorCheck):  # type: ignore[misc]
                 doctor_warn(text)
                 result.add_warning()
 
-        check_environment(Findings(tell))
+        check_environment(Findings(add))
         return result

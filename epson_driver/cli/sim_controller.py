@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`sim_controller`: a simulated EPSON controller as a plain process."""
+"""`epson_driver sim_controller`: a simulated EPSON controller as a plain process."""
 
 import argparse
 import asyncio
@@ -19,6 +19,8 @@ import numpy as np
 from epson_driver.cli.arguments import (
     FREE_PORT,
     PORT,
+    add_controller,
+    add_robot,
     argument,
     define,
     help_texts,
@@ -54,22 +56,22 @@ from epson_driver.spel import Program, build, read_project, with_defines
 _PORTS = Ports()
 
 PANEL = tuple(module_command('epson_driver.cli', 'panel'))
-"""A separate process: the simulated controller needs no ROS, and must not wait for a browser."""
+"""Command that starts the panel, as a process of its own because it needs ROS."""
 
 STATE_PERIOD = number(0.001, 3600.0, 's')
 SEED = count(0, 2**63 - 1)
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM and return 0, or 1 if a port (or the planner) fails."""
+    """Run until SIGINT or SIGTERM, and return 0. Returns 1 if a port or the planner fails."""
     parser = _parser()
     args = parser.parse_args(with_start_joined(sys.argv[1:]))
     try:
         if args.profile_from is not None:
-            alike = likeness(load(args.profile_from))
-            args.robot, args.motion = alike.robot, args.motion or alike.motion
-            args.fault = [*alike.faults, *args.fault]
-            profile = alike.profile
+            first_run = likeness(load(args.profile_from))
+            args.robot, args.motion = first_run.robot, args.motion or first_run.motion
+            args.fault = [*first_run.faults, *args.fault]
+            profile = first_run.profile
         else:
             profile = load_controller_profile(args.controller)
         model = load_robot_model(args.robot)
@@ -77,8 +79,8 @@ def main() -> int:
         program = _program(args, profile, model)
     except (OSError, InputError, _StartError) as error:
         parser.error(str(error))
-    if program is not None and (asked := _of_built_in_programs(args)) is not None:
-        option, why = asked
+    if program is not None and (unsuitable := _not_for_programs(args)) is not None:
+        option, why = unsuitable
         parser.error(f'{option}: a SPEL+ program {why}')
     byte_order = profile.byte_order
     if args.byte_order is not None:
@@ -95,10 +97,7 @@ def main() -> int:
         )
         for fault in args.fault:
             controller.faults.start(fault)
-    except (
-        ValueError,
-        InputError,
-    ) as error:  # of joints, faults, program
+    except (ValueError, InputError) as error:  # joints, faults or the program are invalid
         parser.error(str(error))
     ports = Ports(*[_port_of(args, name, profile) for name in Ports._fields])
     log = StderrLog()
@@ -106,15 +105,7 @@ def main() -> int:
     try:
         network = None if spel is None else spel.network
         servers = partial(ControllerServers, controller, planner, network, dict(args.program_port))
-        return asyncio.run(
-            _run(
-                servers,
-                args.host,
-                ports,
-                until_stdin_ends=args.until_stdin_ends,
-                panel=args.panel,
-            )
-        )
+        return asyncio.run(_run(servers, ports, args))
     finally:
         log.finish()
 
@@ -122,7 +113,10 @@ def main() -> int:
 def _program(
     args: argparse.Namespace, profile: ControllerProfile, model: RobotModel
 ) -> Program | None:
-    """Return the SPEL+ program to run, if any. Raises OSError, InputError."""
+    """Return the SPEL+ program to run, or None for a built-in program.
+
+    Raises InputError or OSError if it cannot be read or compiled.
+    """
     if args.program is not None:
         files = read_project(args.program)
     elif profile.spel.project:
@@ -134,67 +128,61 @@ def _program(
     return build(with_defines(files, dict(args.define)))
 
 
-def _of_built_in_programs(args: argparse.Namespace) -> tuple[str, str] | None:
-    """Return an argument that does not apply to a SPEL+ program, and why, or None."""
-    given = {
+def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
+    """Return a used option that does not apply to SPEL+ programs, and why, or None."""
+    options = {
         '--motion': (args.motion, 'moves according to its statements'),
         '--look-ahead': (args.look_ahead, 'accepts points according to its statements'),
         '--state-period': (args.state_period, 'sends states according to its statements'),
         '--byte-order': (args.byte_order, 'uses the byte order of its statements'),
     }
     return next(
-        ((option, why) for option, (value, why) in given.items() if value is not None), None
+        ((option, why) for option, (value, why) in options.items() if value is not None), None
     )
 
 
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
-    """Return the requested port, else the profile's, else (if that is 0) the default."""
-    asked: int | None = getattr(args, f'{name}_port')
-    if asked is not None:
-        return asked
-    own: int = getattr(profile.ports, name)
-    usual: int = getattr(_PORTS, name)
-    return own or usual
+    """Return the port of the option, else of the profile, else (if that is 0) the default."""
+    requested: int | None = getattr(args, f'{name}_port')
+    if requested is not None:
+        return requested
+    port: int = getattr(profile.ports, name) or getattr(_PORTS, name)
+    return port
 
 
 async def _run(
-    new_servers: Callable[[], ControllerServers],
-    host: str,
-    ports: Ports,
-    *,
-    until_stdin_ends: bool,
-    panel: bool,
+    new_servers: Callable[[], ControllerServers], ports: Ports, args: argparse.Namespace
 ) -> int:
     stop = asyncio.Event()
     with ended_by_signals(asyncio.get_running_loop(), stop.set):
-        if until_stdin_ends:
+        if args.until_stdin_ends:
             _watch_stdin(stop)
         servers = new_servers()
         try:
-            ports = await servers.open(host, ports)
+            ports = await servers.open(args.host, ports)
         except (OSError, PlannerError) as error:
             advice = if_in_use(error.__cause__)
             print(f'epson_driver sim_controller: {error}{advice}', file=sys.stderr)
             return 1
         gc.collect()
-        gc.freeze()  # made at start-up, never freed: not to be scanned in the motion cycle
+        gc.freeze()  # spares the motion cycle a scan of the permanent objects
         print(
             'listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True
         )
-        beside = await asyncio.create_subprocess_exec(*PANEL) if panel else None
+        panel = await asyncio.create_subprocess_exec(*PANEL) if args.panel else None
         try:
             await servers.run_until(stop)
         finally:
-            if beside is not None:
+            if panel is not None:
                 with contextlib.suppress(ProcessLookupError):  # it has ended and printed why
-                    beside.terminate()
-                await beside.wait()
+                    panel.terminate()
+                await panel.wait()
             await servers.close()
     return 0
 
 
 def _watch_stdin(ended: asyncio.Event) -> None:
-    """Set an event when stdin is closed, also by the death of the process at its other end."""
+    """Set an event when stdin closes, which the death of the writing process does too."""
     loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:
@@ -206,7 +194,7 @@ def _watch_stdin(ended: asyncio.Event) -> None:
 
 
 class _StartError(ValueError):
-    """A --start that is not one angle per joint within the limits."""
+    """A value of --start that is not one position per joint within the limits."""
 
 
 def _start(text: str, limits: JointLimits) -> Array:
@@ -233,9 +221,9 @@ def _fault(text: str) -> Fault:
 
 
 def _program_port(text: str) -> tuple[int, int]:
-    named, _, asked = text.partition('=')
+    port, _, listening = text.partition('=')
     try:
-        ports: tuple[int, int] = argument(PORT)(named), argument(FREE_PORT)(asked)
+        ports: tuple[int, int] = argument(PORT)(port), argument(FREE_PORT)(listening)
     except argparse.ArgumentTypeError as error:
         raise argparse.ArgumentTypeError(f'{shown(text)}, PORT=PORT: {error}') from error
     return ports
@@ -258,19 +246,14 @@ def _parser() -> argparse.ArgumentParser:
         '--host',
         type=host,
         default='127.0.0.1',
+        metavar='ADDRESS',
         help='address to listen on (default: %(default)s)',
     )
-    for name, usual in _PORTS._asdict().items():
-        text = f"{name} port (0: any free port, default: the profile's, {usual} for simulated)"
+    for name, default in _PORTS._asdict().items():
+        text = f"{name} port (0: any free port, default: the profile's, {default} for simulated)"
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
-    parser.add_argument(
-        '--robot', default='c3_a601s', help='robot model, or a .yaml file (default: %(default)s)'
-    )
-    parser.add_argument(
-        '--controller',
-        default='simulated',
-        help='controller profile, or a .yaml file (default: %(default)s)',
-    )
+    add_robot(parser)
+    add_controller(parser)
     parser.add_argument(
         '--profile-from',
         type=Path,
@@ -287,8 +270,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--program',
         type=Path,
-        metavar='FOLDER',
-        help="SPEL+ project or .prg file to run (default: the profile's, or the built-in program)",
+        metavar='FILE',
+        help='SPEL+ program to run: project folder, its .sprj or a .prg file '
+        "(default: the profile's, or the built-in program)",
     )
     parser.add_argument(
         '--define',
@@ -310,7 +294,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--look-ahead',
         type=argument(number(*LOOK_AHEAD_S, 's')),
-        metavar='SECONDS',
+        metavar='S',
         help="look-ahead of smooth motion, s (default: the profile's)",
     )
     parser.add_argument(
@@ -321,7 +305,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--state-period',
         type=argument(STATE_PERIOD),
-        metavar='SECONDS',
+        metavar='S',
         help="state message period, s (default: the profile's, 0.005 for simulated)",
     )
     parser.add_argument(
@@ -330,12 +314,13 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME[:KEY=VALUE,…]',
-        help='initial fault (repeatable, `pendant fault kinds` lists them)',
+        help='initial fault (repeatable, default: none, `pendant fault kinds` lists them)',
     )
     parser.add_argument(
         '--seed',
         type=argument(SEED),
         default=0,
+        metavar='N',
         help='seed for random faults (default: %(default)s)',
     )
     parser.add_argument(
@@ -350,7 +335,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--start',
-        metavar='Q1,…,Qn',
-        help='initial joint positions, rad or m, such as -1.0,0.2,0,0,0,0',
+        metavar='Q1,Q2,…',
+        help='initial joint positions, rad or m, such as -1.0,0.2,0,0,0,0 (default: all 0)',
     )
     return parser

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver smooth FILE`: a planned trajectory through the smoother, without a robot.
+"""`epson_driver smooth FILE`: smooths a planned trajectory offline, without a robot.
 
-Writes the smooth trajectory in the same format. It also reports and plots it next to the motions
-of a point-to-point controller and of a plain spline.
+The command writes the smooth trajectory in the same format. It also compares it, in a table and a
+plot, with the motion of a point-to-point controller and with a plain spline.
 """
 
 import argparse
@@ -16,18 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, help_texts, picture
+from epson_driver.cli.arguments import add_robot, argument, help_texts, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE
 from epson_driver.motion.smoothed import every
-from epson_driver.motion.smoother import (
-    MERGE_TOLERANCE,
-    Mode,
-    Plan,
-    Request,
-    plan,
-)
+from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.smooth_study import (
     SmoothingComparison,
@@ -37,27 +31,23 @@ from epson_driver.report.smooth_study import (
     spline,
 )
 from epson_driver.robots import load_robot_model
-from epson_driver.trajectory_file import (
-    read_trajectory,
-    write_trajectory,
-)
+from epson_driver.trajectory_file import read_trajectory, write_trajectory
 
 SAMPLE_PERIOD_S = 0.001
-"""Time between the samples at which the motion is judged and drawn, s."""
+"""Time between the samples for the table and the plot, s."""
 
 MIN_LOOK_AHEAD_S = 0.01
-"""Minimum, as in the simulated controller. With less, the arm creeps and planning never ends."""
-
+"""Minimum look-ahead, s. With less, the arm creeps and planning takes too long."""
 
 NO_PICTURE = "none, as matplotlib is missing: pip install 'epson_driver[report]'"
 
 
 class _PlanError(ValueError):
-    """A plan that cannot be smoothed, with the remedy as text."""
+    """A plan cannot be smoothed. The text is the reason and the remedy."""
 
 
 def main() -> int:
-    """Smooth a file. Returns 0, or exits with 2 and a sentence if the plan cannot be smoothed."""
+    """Smooth a file. Returns 0, or 2 if the plan cannot be smoothed, or 130 after Ctrl-C."""
     parser = _parser()
     arguments = parser.parse_args()
     try:
@@ -77,19 +67,18 @@ def _run(arguments: argparse.Namespace) -> int:
     file: Path = arguments.file
     mode = Mode(arguments.mode)
     limits = load_robot_model(arguments.robot).limits
-    given = read_trajectory(file, timed=False)
-    timed = bool(given.times.any())
-    plan_read = _checked(file, given, limits, mode)
+    trajectory = _checked(file, read_trajectory(file, timed=False), limits, mode)
+    timed = bool(trajectory.times.any())
     planner = _CountingPlanner()
     parts = max(round(1.0 / arguments.rate / SAMPLE_PERIOD_S), 1)
     period = 1.0 / arguments.rate
-    began = time.perf_counter()
+    started = time.perf_counter()
     try:
         with console.status('planning'):
-            fine = smooth(
-                plan_read.positions,
+            smoothed = smooth(
+                trajectory.positions,
                 limits,
-                plan_read.times if mode is Mode.TIME_PRESERVING else None,
+                trajectory.times if mode is Mode.TIME_PRESERVING else None,
                 look_ahead=arguments.look_ahead,
                 period=period / parts,
                 planner=planner,
@@ -98,20 +87,19 @@ def _run(arguments: argparse.Namespace) -> int:
             )
     except ValueError as error:
         raise _PlanError(f'{file}: {error}') from error
-    planned = f'one for all points, in {(time.perf_counter() - began) * 1e3:.0f} ms'
+    planned = f'one for all points, in {(time.perf_counter() - started) * 1e3:.0f} ms'
     output = arguments.output or Path(f'{file.stem}_smooth.yaml')
     picture = arguments.picture or Path(f'{file.stem}_smooth.png')
-    written = every(fine, parts)
     about = f'{file.name}, smoothed ({mode.value}), one point every {period * 1e3:g} ms'
-    write_trajectory(output, written, about)
-    command = plan_read if mode is Mode.TIME_PRESERVING else None
-    columns = [column('point to point, full speed', point_to_point(plan_read, limits), limits)]
+    write_trajectory(output, every(smoothed, parts), about)
+    command = trajectory if mode is Mode.TIME_PRESERVING else None
+    columns = [column('point to point, full speed', point_to_point(trajectory, limits), limits)]
     if timed:
-        kind = 'cubic' if plan_read.accelerations is None else 'quintic'
-        columns.append(column(f'{kind} spline', spline(plan_read), limits))
-    ours = column(f'smoothed, {mode.value.replace("_", " ")}', fine, limits, plan_read, command)
-    columns.append(ours)
-    study = SmoothingComparison(plan_read, limits, timed, columns)
+        kind = 'cubic' if trajectory.accelerations is None else 'quintic'
+        columns.append(column(f'{kind} spline', spline(trajectory), limits))
+    title = f'smoothed, {mode.value.replace("_", " ")}'
+    columns.append(column(title, smoothed, limits, trajectory, command))
+    study = SmoothingComparison(trajectory, limits, timed, columns)
     console.print(_table(study, planner.summary or planned, arguments.look_ahead))
     if draws:
         draw(picture, study)
@@ -121,20 +109,20 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _CountingPlanner:
-    """A planner that counts the plans and their time."""
+    """A planner that records the number of its plans and the time for each."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
 
     def __call__(self, request: Request, limits: JointLimits) -> Plan | None:
-        began = time.perf_counter()
-        made = plan(request, limits)
-        self._times.append(time.perf_counter() - began)
-        return made
+        started = time.perf_counter()
+        result = plan(request, limits)
+        self._times.append(time.perf_counter() - started)
+        return result
 
     @property
     def summary(self) -> str:
-        """The plans in words, or '' without any."""
+        """The number of plans, and their total and longest time, as text. '' without plans."""
         if not self._times:
             return ''
         total, longest = sum(self._times) * 1e3, max(self._times) * 1e3
@@ -142,7 +130,10 @@ class _CountingPlanner:
 
 
 def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode) -> Trajectory:
-    """Return the plan with its joints in the robot's order. Raises _PlanError."""
+    """Return the plan with its joints in the robot's order.
+
+    Raises _PlanError if its joints are not the robot's, or if times are needed and missing.
+    """
     names = trajectory.joint_names
     if sorted(names) != sorted(limits.names):
         raise _PlanError(
@@ -218,7 +209,8 @@ def _parser() -> argparse.ArgumentParser:
         type=argument(number(MIN_LOOK_AHEAD_S, np.inf, 's')),
         default=np.inf,
         metavar='S',
-        help='look-ahead, s, like in a stream (default: all points)',
+        help='time ahead of the arm for which points are known, s, as in a stream '
+        '(default: all points are known)',
     )
     parser.add_argument(
         '--path-tolerance',
@@ -238,11 +230,12 @@ def _parser() -> argparse.ArgumentParser:
         '--output', type=Path, metavar='FILE', help='smooth trajectory (default: NAME_smooth.yaml)'
     )
     parser.add_argument(
-        '--picture', type=picture, metavar='FILE', help='plot file (default: NAME_smooth.png)'
+        '--picture',
+        type=picture,
+        metavar='FILE',
+        help='plot file, needs matplotlib (default: NAME_smooth.png, or none without matplotlib)',
     )
-    parser.add_argument(
-        '--robot', default='c3_a601s', help='robot model, or a .yaml file (default: %(default)s)'
-    )
+    add_robot(parser)
     parser.add_argument(
         '--rate',
         type=argument(number(1.0, 1000.0, 'Hz')),

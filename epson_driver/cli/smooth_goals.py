@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run epson_driver smooth_goals`: goals of MoveIt, made smooth, to any driver's action."""
+"""`epson_driver smooth_goals`: a node that smooths MoveIt's goals for any driver's action."""
 
 import argparse
 import sys
@@ -14,7 +14,7 @@ from epson_driver.node.smooth_goals import DEFAULT_NAME, SmoothGoals
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM and return the exit code of `run`."""
+    """Run the node until SIGINT or SIGTERM, and return the exit code."""
     parser = argparse.ArgumentParser(
         prog='epson_driver smooth_goals',
         **help_texts(

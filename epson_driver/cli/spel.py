@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel check|run|test|export …`: SPEL+ programs without a robot, without RC+."""
+"""`epson_driver spel check|run|test|export`: SPEL+ programs without a robot and without RC+."""
 
 import argparse
 import re
@@ -9,21 +9,21 @@ from collections.abc import Iterator
 from ipaddress import IPv4Address
 from pathlib import Path
 
-from epson_driver.cli.arguments import FREE_PORT, argument, define, help_texts
-from epson_driver.cli.problem_formats import FORMATS, placed
-from epson_driver.inputs import InputError, Rule, count, number, shown
-from epson_driver.spel import (
-    NetSettings,
-    Problem,
-    ProgramError,
-    read_project,
+from epson_driver.cli.arguments import (
+    FREE_PORT,
+    add_controller,
+    add_robot,
+    argument,
+    define,
+    help_texts,
 )
+from epson_driver.cli.problem_formats import FORMATS, FOUND, placed
+from epson_driver.inputs import InputError, Rule, count, number, shown
+from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.spel import NetSettings, Problem, ProgramError, read_project
 from epson_driver.spel.commands import CONTROLLERS, VERSIONS
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import PROJECT, decoded
-
-FOUND = 1
-"""Exit code: something is wrong with the program."""
 
 ADDRESS = Rule(lambda text: str(IPv4Address(text)), 'must be an IPv4 address')
 VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
@@ -34,7 +34,7 @@ STDIN = 'stdin.prg'
 
 
 def main() -> int:
-    """Check, run or test. Returns 0 if all is well, 1 if not, 2 for unusable arguments."""
+    """Run the subcommand, and return its exit code."""
     parser = _parser()
     arguments = parser.parse_args()
     try:
@@ -48,12 +48,15 @@ def main() -> int:
     except (OSError, InputError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
     return run
 
 
 def _net(text: str) -> tuple[int, NetSettings]:
-    """Return a port and its settings from 201=192.168.0.1:2000[:CR|LF|CRLF]."""
+    """Return the port number and the settings in a text like 201=192.168.0.1:2000:CRLF.
+
+    Raises ArgumentTypeError for another form.
+    """
     result = re.fullmatch(
         r'(2[01][0-9])=([^:=]*):([0-9]{1,5})(?::(CRLF|CR|LF))?', text, re.IGNORECASE
     )
@@ -65,16 +68,15 @@ def _net(text: str) -> tuple[int, NetSettings]:
     return int(result[1]), NetSettings(result[2], int(result[3]), end)
 
 
-def _add_surroundings(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--robot', default='c3_a601s', help='robot model (default: %(default)s)')
-    parser.add_argument(
-        '--controller', default='simulated', help='controller profile (default: %(default)s)'
-    )
+def _add_environment(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    add_controller(parser)
     parser.add_argument(
         '--stub',
         type=Path,
         metavar='FILE',
-        help='answers of words that are not simulated (YAML: WORD: answers in order)',
+        help='results of statements that are not simulated, as YAML: WORD: list of results in '
+        'order (default: none)',
     )
     parser.add_argument(
         '--net',
@@ -82,12 +84,12 @@ def _add_surroundings(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='201=ADDRESS:PORT',
-        help='port settings of the system configuration in RC+ (repeatable)',
+        help='TCP/IP port settings of the system configuration in RC+ (repeatable, default: none)',
     )
 
 
 def _parser() -> argparse.ArgumentParser:
-    codes = '0 no problem, 1 problems found, 2 invalid arguments'
+    codes = '0 no problem, 1 problems found, 2 invalid arguments, 130 Ctrl-C'
     parser = argparse.ArgumentParser(
         prog='epson_driver spel',
         **help_texts(
@@ -130,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     testing.add_argument(
         '--junit', type=Path, metavar='FILE', help='JUnit XML file for the results'
     )
-    _add_surroundings(testing)
+    _add_environment(testing)
     testing.set_defaults(run=_test)
     text = 'Run a program on a simulated controller.'
     examples = ('spel run main.prg', 'spel run my_project --fast --seconds 60')
@@ -172,29 +174,35 @@ def _parser() -> argparse.ArgumentParser:
         metavar='STATEMENTS',
         help='settings of the robot manager in RC+: "HomeSet 0, 0, 0, 0; TLSet 1, XY(0,0,50,0)"',
     )
-    _add_surroundings(running)
+    _add_environment(running)
     running.set_defaults(run=_run)
     text = 'Write an RC+ project with our controller program.'
     example = 'spel export my_cell --robot c4_a601s --controller rc700a --address 192.168.0.1'
     example_8 = 'spel export new_cell --robot c8_a701s --controller rc800 --address 192.168.0.2'
-    texts = help_texts(text, (example, example_8), '0 done, 2 invalid arguments')
+    texts = help_texts(text, (example, example_8), '0 done, 2 invalid arguments, 130 Ctrl-C')
     exporting = commands.add_parser('export', help=text, **texts)
     exporting.add_argument('folder', type=Path, metavar='FOLDER', help='new or empty folder')
-    exporting.add_argument('--robot', required=True, help='robot model')
-    exporting.add_argument('--controller', required=True, choices=CONTROLLERS, help='controller')
+    exporting.add_argument('--robot', required=True, metavar='MODEL', help='robot model')
+    exporting.add_argument(
+        '--controller',
+        required=True,
+        choices=CONTROLLERS,
+        metavar='PROFILE',
+        help=f'controller profile: {", ".join(CONTROLLERS)}',
+    )
     exporting.add_argument(
         '--address',
         required=True,
         type=argument(ADDRESS, str),
-        metavar='A.B.C.D',
-        help="the controller's IP address",
+        metavar='ADDRESS',
+        help="the controller's IPv4 address",
     )
     exporting.set_defaults(run=_export)
     return parser
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from epson_driver.cli import spel_commands  # imports numpy and the whole controller
+    from epson_driver.cli import spel_commands  # here, because it imports numpy and the simulation
 
     return spel_commands.export(arguments)
 
@@ -224,7 +232,10 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
-    """Yield projects with their folders: each folder one, the files of one folder together."""
+    """Yield the folder and the files of each project.
+
+    A path of a folder is one project. Paths of files in the same folder are one project together.
+    """
     single: dict[Path, dict[str, str]] = {}
     for path in paths:
         if str(path) == '-':

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel run|test|export`: the commands with a robot model or simulated controller."""
+"""`epson_driver spel run|test|export`: the commands that need a robot model."""
 
 import argparse
 import logging
@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from epson_driver.cli.problem_formats import path_from_here, placed
+from epson_driver.cli.problem_formats import FOUND, path_from_here, placed
 from epson_driver.inputs import InputError, printable, write_file
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_folder
@@ -33,26 +33,26 @@ from epson_driver.spel.export import exported
 from epson_driver.spel.files import Files
 from epson_driver.spel.lint import check
 
-FOUND = 1
-"""Exit code: something is wrong with the program."""
-
-OLD_OUTPUTS = '0'
-"""RC+ 6 assigns no remote outputs by default (p953)."""
-
+FIRST_OUTPUT_BYTE_6 = '0'
+"""IO_FIRST_OUTPUT_BYTE for RC+ 6, which assigns no outputs to remote control (manual, p953)."""
 
 Project = tuple[Path, Mapping[str, str]]
-"""Its folder and its files."""
+"""The folder of a SPEL+ project, and the texts of its files by name."""
 
 
-def _surroundings(
+def _environment(
     arguments: argparse.Namespace, folder: Path, keep: bool = False
 ) -> ProgramEnvironment:
+    """Return the environment of a program. `keep`: as in `Files`."""
     answers = read_answers(arguments.stub) if arguments.stub is not None else {}
     return ProgramEnvironment(answers, dict(arguments.net), Files(folder, keep))
 
 
 def _built(files: Mapping[str, str], folder: Path) -> Program:
-    """Return a program. Raises ProgramError that names files from here."""
+    """Return the program in `files`.
+
+    Raises ProgramError if it has errors, with the paths of its files from the current folder.
+    """
     try:
         return build(files)
     except ProgramError as error:
@@ -60,7 +60,10 @@ def _built(files: Mapping[str, str], folder: Path) -> Program:
 
 
 def run(arguments: argparse.Namespace, project: Project) -> int:
-    """Run a program and return the exit code. Raises ProgramError, InputError, OSError."""
+    """Run a program and return the exit code.
+
+    Raises ProgramError if the program has errors, InputError or OSError if a file is unusable.
+    """
     logging.basicConfig(level=logging.WARNING, format='%(message)s')
     folder, files = project
     files = with_defines(files, dict(arguments.define))
@@ -71,23 +74,23 @@ def run(arguments: argparse.Namespace, project: Project) -> int:
         arguments.remote_port,
         fast=arguments.fast,
         seconds=arguments.seconds,
-        around=_surroundings(arguments, folder, keep=True),
+        around=_environment(arguments, folder, keep=True),
     )
 
 
 def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
-    """Run the functions named Test…, and report their results.
+    """Run the functions named Test…, report their results, and return the exit code.
 
-    Raises ProgramError, InputError, OSError.
+    Raises ProgramError if a program has errors, InputError or OSError if a file is unusable.
     """
-    logging.basicConfig(handlers=[logging.NullHandler()])  # the error of a test is reported below
+    logging.basicConfig(handlers=[logging.NullHandler()])  # `_report` prints the errors of tests
     bench = Bench(arguments.robot, arguments.controller)
-    wanted = arguments.k.lower()
+    pattern = arguments.k.lower()
     results: list[TestResult] = []
     for folder, files in projects:
-        around = _surroundings(arguments, folder)
+        around = _environment(arguments, folder)
         program = _built(files, folder)
-        for result in run_tests(program, bench, lambda name: wanted in name.lower(), around):
+        for result in run_tests(program, bench, lambda name: pattern in name.lower(), around):
             results.append(_from_here(result, folder))
             _report(results[-1])
     failed = sum(bool(result.error) for result in results)
@@ -106,18 +109,17 @@ def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
 
 
 def _from_here(result: TestResult, folder: Path) -> TestResult:
-    at = result.position._replace(file=path_from_here(folder, result.position.file))
+    position = result.position._replace(file=path_from_here(folder, result.position.file))
     lines = {path_from_here(folder, file): ran for file, ran in result.lines.items()}
-    return replace(result, position=at, lines=lines)
+    return replace(result, position=position, lines=lines)
 
 
 def _report(result: TestResult) -> None:
     if not result.error:
         print(f'passed {result.name} ({result.seconds:.3f} s)')
         return
-    at = result.position
-    text = printable(result.error)
-    print(f'FAILED {result.name}: {printable(at.file)}:{at.line}: {text}')
+    where = f'{printable(result.position.file)}:{result.position.line}'
+    print(f'FAILED {result.name}: {where}: {printable(result.error)}')
     for line in result.printed.splitlines():
         print(f'  {printable(line)}')
 
@@ -149,9 +151,9 @@ def _junit(results: list[TestResult]) -> str:
         f'<testsuite name="spel" tests="{len(results)}" failures="{failed}">',
     ]
     for result in results:
-        at = result.position
-        named = f'name={quoteattr(result.name)} file={quoteattr(printable(at.file))}'
-        started = f'  <testcase {named} line="{at.line}" time="{result.seconds:.3f}"'
+        position = result.position
+        named = f'name={quoteattr(result.name)} file={quoteattr(printable(position.file))}'
+        started = f'  <testcase {named} line="{position.line}" time="{result.seconds:.3f}"'
         if result.error:
             message = quoteattr(printable(result.error))
             lines.append(f'{started}><failure message={message}/></testcase>')
@@ -161,7 +163,11 @@ def _junit(results: list[TestResult]) -> str:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Write the project into a new or empty folder. Raises InputError, OSError."""
+    """Write our controller program as an RC+ project into a new or empty folder.
+
+    Returns the exit code. Raises InputError for an unusable folder or model, OSError if a file
+    cannot be written.
+    """
     folder: Path = arguments.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f'{printable(folder)}: must be a new or empty folder')
@@ -174,10 +180,10 @@ def export(arguments: argparse.Namespace) -> int:
     defines = robot_defines(files, load_robot_model(arguments.robot))
     defines['OWN_ADDRESS'] = f'"{arguments.address}"'
     if version == 6:
-        defines['IO_FIRST_OUTPUT_BYTE'] = OLD_OUTPUTS
+        defines['IO_FIRST_OUTPUT_BYTE'] = FIRST_OUTPUT_BYTE_6
     files = with_defines(files, defines)
     problems = check(files, version)
-    if problems:  # a robot, or a name, that the program has not been tried with
+    if problems:  # possible for a model that no test exports
         raise InputError(str(problems[0]))
     folder.mkdir(parents=True, exist_ok=True)
     for item, content in exported(name, files, version, datetime.now(UTC)).items():

@@ -67,12 +67,12 @@ ACTIONS = {
 """Actions without further words."""
 
 FORMS = {
-    'io KIND INDEX': 'read an I/O point, KIND = DI, DO, AI, AO or flag',
-    'io KIND INDEX VALUE': 'set an I/O point (an input too): on, off, or mV',
+    'io KIND INDEX': 'read an I/O point, KIND = DI, DO or flag (*: AI or AO, too)',
+    'io KIND INDEX VALUE': 'set DO or flag to on or off (*: DI, too, and AI or AO in mV)',
     'fault NAME [KEY=VALUE …]': 'start a fault',
     'fault clear [NAME]': 'clear one fault, or all',
     'disturb JOINT DEGREES': 'push a joint (mm if it is linear)',
-    'reboot [SECONDS]': 'power cycle',
+    'reboot [SECONDS]': 'power cycle, off for SECONDS (default: 5)',
 }
 """Actions with further words, and their descriptions."""
 

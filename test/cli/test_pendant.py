@@ -130,6 +130,13 @@ def test_help_lists_all_actions():
     assert all(f'  {words}  ' in text for words in ('status', *ACTIONS, *FORMS))
 
 
+def test_help_marks_actions_that_a_real_controller_refuses():
+    _, text, _ = call(1, '--help')
+    marked = {line[2:28].strip() for line in text.splitlines() if line[28:30] == '* '}
+    assert {'estop press', 'door open', 'reboot [SECONDS]', 'fault', 'io'} <= marked
+    assert not marked & {'motors on', 'pause', 'continue', 'reset', 'power low', 'io KIND INDEX'}
+
+
 def test_fault_kinds_are_listed_without_a_controller():
     code, text, _ = call(1, 'fault kinds')
     assert code == 0

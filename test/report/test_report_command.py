@@ -75,7 +75,7 @@ def test_report_of_an_exported_bag_has_equal_figures(called, tmp_path):
     ('words', 'message'),
     [
         (('--compare', 'a.pcap'), 'needs two files, not 1'),
-        (('a.pcap', 'b.pcap', '--output', 'x.html'), 'write one report'),
+        (('a.pcap', 'b.pcap', '--output', 'x.html'), 'need a single FILE'),
         (('a.pcap', '--output', 'x.pdf'), 'must end in .html'),
         (('nothing.pcap',), 'nothing.pcap: No such file'),
         (('a.pcap', '--robot', 'gx4_c251s', '--output', 'no/x.html'), 'No such file or directory'),
