@@ -9,7 +9,6 @@ from launch.actions import (
     DeclareLaunchArgument,
     IncludeLaunchDescription,
     OpaqueFunction,
-    Shutdown,
 )
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
@@ -20,6 +19,7 @@ from epson_driver.bringup import (
     DESCRIPTION,
     INTERFACE,
     effective,
+    end_launch,
     launch_arguments,
     move_group_parameters,
     robot_description,
@@ -72,7 +72,7 @@ def moveit(context: LaunchContext):
             namespace=values['namespace'],
             parameters=[descriptions, move_group_parameters(*robot, **settings), time],
             output='screen',
-            on_exit=Shutdown(reason='move_group ended'),
+            on_exit=end_launch('move_group'),
         ),
     ]
     if values['launch_rviz'] == 'true':

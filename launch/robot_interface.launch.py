@@ -12,7 +12,6 @@ from launch.actions import (
     LogInfo,
     OpaqueFunction,
     RegisterEventHandler,
-    Shutdown,
 )
 from launch.event_handlers import OnProcessExit
 from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -28,6 +27,7 @@ from epson_driver.bringup import (
     controller_arguments,
     controllers_parameters,
     effective,
+    end_launch,
     first_joint_state,
     launch_arguments,
     misspelled_arguments,
@@ -67,7 +67,7 @@ def processes(context: LaunchContext):
             ExecuteProcess(
                 cmd=[controller, *controller_arguments(values)],
                 output='screen',
-                on_exit=Shutdown(reason='the simulated controller ended') if last else None,
+                on_exit=end_launch('the simulated controller') if last else None,
             )
         )
     files = [values['params_file']] if values['params_file'] else []
@@ -81,7 +81,7 @@ def processes(context: LaunchContext):
             output='screen',
             respawn=respawn,
             respawn_delay=RESPAWN_DELAY_S,
-            on_exit=Shutdown(reason='the client ended') if last and not respawn else None,
+            on_exit=end_launch('the client') if last and not respawn else None,
         )
     )
     if controlled or values['description'] == 'true':
@@ -122,7 +122,7 @@ def ros2_control(values: dict[str, str]):
             namespace=values['namespace'],
             parameters=[file, own | {'use_sim_time': values['use_sim_time'] == 'true'}],
             output='screen',
-            on_exit=Shutdown(reason='the controller manager ended'),
+            on_exit=end_launch('the controller manager'),
         ),
         RegisterEventHandler(
             OnProcessExit(

@@ -3,10 +3,10 @@
 """Smooth goals in front of any driver's FollowJointTrajectory action."""
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
-from epson_driver.bringup import launch_arguments
+from epson_driver.bringup import end_launch, launch_arguments
 
 PASSED = ('action', 'limits_file', 'stops')
 
@@ -37,6 +37,6 @@ def smooth_goals(context: LaunchContext):
                 given | {'use_sim_time': values['use_sim_time'] == 'true'},
             ],
             output='screen',
-            on_exit=Shutdown(reason='smooth_goals ended'),
+            on_exit=end_launch('smooth_goals'),
         )
     ]

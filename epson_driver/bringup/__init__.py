@@ -3,6 +3,7 @@
 """Conversion of launch arguments to node parameters. It imports no ROS: the launch files do."""
 
 from epson_driver.bringup.arguments import (
+    end_launch,
     launch_arguments,
     misspelled_arguments,
 )
@@ -47,6 +48,7 @@ __all__ = [
     'controller_arguments',
     'controllers_parameters',
     'effective',
+    'end_launch',
     'first_joint_state',
     'fleet_robots',
     'launch_arguments',

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launch files' arguments as one table: name, default, description, choices."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -194,3 +194,22 @@ def _keywords(row: Argument, default: str | None = None) -> dict[str, Any]:
     if row.choices:  # launch refuses an empty list
         keywords['choices'] = list(row.choices)
     return keywords
+
+
+def end_launch(name: str) -> Callable[[Any, Any], list[Any]]:
+    """Return an `on_exit` handler that ends the launch when a process ends.
+
+    `ros2 launch` then exits with code 1 if the process failed, so that a supervisor restarts it.
+    launch has no action for an exit code. An exception in a handler is its only other source.
+    """
+
+    def on_exit(event: Any, context: Any) -> list[Any]:
+        if context.is_shutdown:  # Ctrl-C: every process ends
+            return []
+        if event.returncode:
+            raise RuntimeError(f'{name} ended with exit code {event.returncode}')
+        from launch.actions import Shutdown
+
+        return [Shutdown(reason=f'{name} ended')]
+
+    return on_exit

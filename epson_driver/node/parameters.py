@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 def descriptor(row: Row) -> ParameterDescriptor:
     """Return a row as shown by `ros2 param describe`."""
     shown_row = ParameterDescriptor(
-        description=row.description,
+        description=row.description + ('' if row.now else ' Read at the start.'),
         read_only=not row.now,
         additional_constraints=f'one of: {", ".join(row.choices)}' if row.choices else '',
     )

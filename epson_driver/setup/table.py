@@ -401,8 +401,8 @@ TABLE = (
     Row(
         'points_file',
         '',
-        "File of taught points, RC+'s .pts or .yaml. It is read at the start and written after "
-        'each change (empty: points are lost when the node ends).',
+        "File of taught points, RC+'s .pts or .yaml. It is written after each "
+        'change (empty: points are lost when the node ends).',
     ),
     Row(
         'constraints.stopped_velocity_tolerance',

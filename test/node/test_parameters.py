@@ -109,6 +109,7 @@ def test_every_parameter_has_description_type_and_bounds(node):
     for name, value in declare(made).items():
         descriptor = made.describe_parameter(name)
         assert len(descriptor.description) > 10, name
+        assert descriptor.read_only == descriptor.description.endswith('Read at the start.')
         assert descriptor.type == made.get_parameter(name).type_.value
         if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
             assert descriptor.floating_point_range or descriptor.integer_range, name

@@ -45,7 +45,7 @@ from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
-from epson_driver.driver.servo.setpoint import Mode, ServoSettings, Setpoint
+from epson_driver.driver.servo.setpoint import NO_STATE_YET, Mode, ServoSettings, Setpoint
 from epson_driver.driver.servo.stream import (
     FRESH_S,
     MAX_EXTRAPOLATION_S,
@@ -464,12 +464,14 @@ class Servo:
         self._interlock.receive(source, None, came, missed=False)
         if source != self.source:
             self._interlock.block(source)
-        if source not in self._valid:  # for example, from a client without a state to start from
+        early = source not in self._valid  # for example, from a client without a state
+        if early:
             if self._first_problem.get(source) == why:
                 return why
             self._first_problem[source] = why
         if (line := self._invalid_throttle.line(why, _now())) is not None:
-            _log.warning('a setpoint on %s was dropped: %s', source, line)
+            level = logging.INFO if early and why == NO_STATE_YET else logging.WARNING
+            _log.log(level, 'a setpoint on %s was dropped: %s', source, line)
         return why
 
     def _at(self, positions: Array) -> bool:

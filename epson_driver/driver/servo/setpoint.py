@@ -66,6 +66,10 @@ class Window:
     velocities: Array | None = None
 
 
+NO_STATE_YET = 'its sender has no state yet: all values are NaN'
+"""Problem of a ros2_control hardware component without an active controller."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Setpoint:
     """One setpoint from the topic `source`, with joints in the controller's order.
@@ -108,6 +112,8 @@ class Setpoint:
                 continue
             if values.shape != (len(limits.names),):
                 return f'{values.size} {name} for {len(limits.names)} joints'
+            if np.isnan(values).all():
+                return NO_STATE_YET
             for joint, value in zip(limits.names, values.tolist(), strict=True):
                 if not np.isfinite(value):
                     return f'{joint}: {name} = {value} is not finite'
