@@ -26,7 +26,7 @@ from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import Notification, run_task_group
 from epson_driver.driver.why_not import STATUS_TIMEOUT_S, InhibitTable
 from epson_driver.link import Link, LinkState
-from epson_driver.link.connection import ReceiveTimeout, silent
+from epson_driver.link.connection import ReceiveTimeout, wait_for_silence
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
 from epson_driver.log_lines import LogThrottle
@@ -302,7 +302,7 @@ class Driver:
                 _log.warning('joint state dropped: %s', line)
             self.fault(f'implausible joint state: {error}')
             return
-        self._joints_missing.heard(now)
+        self._joints_missing.restart(now)
         if sample is None:
             return
         self._events.on_joints(sample)
@@ -313,9 +313,9 @@ class Driver:
     def _take_status(self, status: Status, came: float) -> None:
         now, before = self._now(), self.robot.status
         self.robot.on_status(status, came)
-        self._status_missing.heard(now)
+        self._status_missing.restart(now)
         if self.robot.joints_unavailable:
-            self._joints_missing.heard(now)
+            self._joints_missing.restart(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
@@ -419,7 +419,7 @@ class Driver:
         """End all motion if a link was lost, and report the change to the log and the owner."""
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
-        self._reports[link.name].tell(why)
+        self._reports[link.name].log_state(why)
         combined = min((item.state for item in self.links), key=WORST_FIRST.index)
         if combined is not self._link_state:
             self._link_state = combined
@@ -430,7 +430,7 @@ class Driver:
     async def _watch_status(self) -> None:
         """Discard a status that is too old, and report an unknown one each second without any."""
         while True:
-            await silent(self._status_missing)
+            await wait_for_silence(self._status_missing)
             if self.robot.status is not None:
                 self.robot.status = None
                 self.fault(f'no STATUS for {STATUS_TIMEOUT_S:g} s')
@@ -439,10 +439,10 @@ class Driver:
     async def _watch_joints(self) -> None:
         """Discard joints that are too old: link and STATUS may continue without them."""
         while True:
-            await silent(self._joints_missing)
+            await wait_for_silence(self._joints_missing)
             if self.robot.sample is not None:
                 self.robot.sample = None
-                self.fault(f'no joint state for {self._joints_missing.patience:g} s')
+                self.fault(f'no joint state for {self._joints_missing.timeout:g} s')
 
     @staticmethod
     def _now() -> float:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One TCP connection. It converts received bytes to packets until it ends, with a reason.
+"""One TCP connection, which converts received bytes to packets, and a receive timeout.
 
-It is an asyncio protocol, not a stream. Received data is handled in the same turn of the event
-loop, without waking a task first.
+The connection is an asyncio protocol instead of a stream, because a protocol handles received data
+without waking a task first.
 """
 
 import asyncio
@@ -15,58 +15,58 @@ from typing import Any, Protocol
 from epson_driver.simple_message import ByteOrder, FrameError, SimpleMessageError
 
 SLICES = 8
-"""Number of slices. A delay of this process adds at most one slice to the measured silence."""
+"""Slices of a ReceiveTimeout. A stall of this process counts as at most one slice of silence."""
 
 READING_TURNS = 2
-"""Turns of the event loop after a timer that read all pending socket data. The first turn polls
-the selector, the second runs the callbacks of that poll after those already queued."""
+"""Event-loop iterations after which pending socket data has been read. The first iteration polls
+the sockets. The second one runs their callbacks after callbacks that were already queued."""
 
 
 class ReceiveTimeout:
-    """Receive timeout that ignores time when this process was not scheduled.
+    """Receive timeout that ignores stalls of this process.
 
-    `patience`: the timeout, s; `now`: the loop's time, s. A process that was not scheduled for a
-    second has not observed its peer silent for a second, because messages may wait in the socket.
-    Therefore the timeout is divided into slices. A slice counts once, regardless of its duration,
-    and pending data is read before the slice counts.
+    A process that was not scheduled for a second cannot conclude that its peer was silent, because
+    messages may wait in the socket. Therefore the timeout is divided into slices. A slice counts
+    once, regardless of its duration, and pending data is read before the slice counts.
 
-    Call `heard` at the start and on each received message, and `passed` at the end of each slice.
+    Call `restart` at the start and on each received message, and `end_slice` after each slice.
+    `timeout` is in s. All methods take the event loop's time `now`, s.
     """
 
-    def __init__(self, patience: float) -> None:
-        self.patience = patience
-        self.slice = patience / SLICES
-        self._quiet = 0
-        self._began = 0.0
+    def __init__(self, timeout: float) -> None:
+        self.timeout = timeout
+        self.slice = timeout / SLICES
+        self._silent_slices = 0
+        self._slice_start = 0.0
 
-    def heard(self, now: float) -> None:
-        """Restart the timeout after a message."""
-        self._quiet, self._began = 0, now
+    def restart(self, now: float) -> None:
+        """Restart the timeout."""
+        self._silent_slices, self._slice_start = 0, now
 
-    def left(self, now: float) -> float:
+    def time_left(self, now: float) -> float:
         """Return the time left in the current slice, s (≤ 0 when expired)."""
-        return self._began + self.slice - now
+        return self._slice_start + self.slice - now
 
-    def passed(self, now: float) -> bool:
-        """Count an expired slice. Returns whether the whole timeout has passed in silence."""
-        self._quiet += 1
-        self._began = now
-        return self._quiet >= SLICES
+    def end_slice(self, now: float) -> bool:
+        """Count an expired slice, and start the next. Return whether the timeout has expired."""
+        self._silent_slices += 1
+        self._slice_start = now
+        return self._silent_slices >= SLICES
 
 
-async def silent(silence: ReceiveTimeout) -> None:
-    """Wait until nothing has been received for the whole timeout, starting now."""
+async def wait_for_silence(silence: ReceiveTimeout) -> None:
+    """Restart a timeout, and wait until it expires."""
     now = asyncio.get_running_loop().time
-    silence.heard(now())
+    silence.restart(now())
     turns = READING_TURNS
     while True:
-        if (left := silence.left(now())) > 0.0:
+        if (left := silence.time_left(now())) > 0.0:
             turns = READING_TURNS
             await asyncio.sleep(left)
         elif turns:
             turns -= 1
             await asyncio.sleep(0)
-        elif silence.passed(now()):
+        elif silence.end_slice(now()):
             return
 
 
@@ -89,19 +89,20 @@ class WireEvent(StrEnum):
 
 
 Tap = Callable[[WireEvent, bytes], None]
-"""Called with each step of a connection. The bytes on the wire: for SENT and RECEIVED only."""
+"""Called with each step of a connection. SENT and RECEIVED come with the bytes on the wire."""
 
 
 READ_SIZE_BYTES = 65536
 MAX_FRAMES_PER_TURN = 50
-"""Frames handled before other event-loop callbacks run. A controller that sends continuously
-must not delay another robot of this process."""
+"""Maximum number of frames handled before other event-loop callbacks run. A controller that sends
+continuously must not delay the other robots of this process."""
 
 
 class AnyFramer(Protocol):
-    """Converts bytes to packets. `byte_order`: detected from the bytes, or None."""
+    """Converter from bytes to packets."""
 
     byte_order: ByteOrder | None
+    """Byte order detected from the bytes, or None before the detection."""
 
     @property
     def unread(self) -> bytes:
@@ -111,29 +112,36 @@ class AnyFramer(Protocol):
         """Add received bytes."""
 
     def next_packet(self) -> Any | None:
-        """Return the next packet, or None if it is incomplete. Raises SimpleMessageError."""
+        """Return the next packet, or None if it is incomplete.
+
+        Raises SimpleMessageError if the packet is invalid, or FrameError if no later packet can be
+        read either.
+        """
 
 
 @dataclass(frozen=True)
 class Receivers:
-    """Callbacks of a connection, in the event loop.
+    """Callbacks of a connection, called in the event loop.
 
-    data: the bytes of each read, before parsing. packet: each packet. bad_frame: each invalid
-    frame; the connection continues unless the error is a FrameError. event: other events. An
-    exception in a callback ends the connection, and `Connection.ended` raises it.
+    If `data`, `packet` or `bad_frame` raises, the connection ends, and awaiting `Connection.ended`
+    raises the exception.
     """
 
     data: Callable[[bytes], None]
+    """Called with the bytes of each read, before parsing."""
     packet: Callable[[Any], None]
+    """Called with each valid packet."""
     bad_frame: Callable[[SimpleMessageError], None]
+    """Called for each invalid frame. After a FrameError the connection ends."""
     event: Callable[[WireEvent], None]
+    """Called with ENDED or RESET."""
 
 
 class Connection(asyncio.BufferedProtocol):
-    """A connection. Must be created in the event loop. It does not read before `begin`.
+    """A TCP connection as an asyncio protocol. It reads nothing before `start`.
 
-    `receive_timeout`: s without a complete frame after which it ends (see ReceiveTimeout), None
-    for no limit.
+    It must be created in the event loop. It ends when no complete frame arrives for
+    `receive_timeout` s (see ReceiveTimeout). None disables this timeout.
     """
 
     transport: asyncio.Transport
@@ -143,41 +151,41 @@ class Connection(asyncio.BufferedProtocol):
     ) -> None:
         self.framer = framer
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        """Reason for the end, as a sentence."""
+        """Future with the reason for the end of the connection, as text."""
         self._loop = asyncio.get_running_loop()
         self._receivers = receivers
         self._buffer = memoryview(bytearray(READ_SIZE_BYTES))
         self._silence = None if receive_timeout is None else ReceiveTimeout(receive_timeout)
         self._timer: asyncio.Handle | None = None
         self._why: str | None = None
-        self._behind = False
-        """Whether reading is paused until the received data is handled."""
+        self._reading_paused = False
+        """Whether reading is paused until received frames are handled."""
 
-    def begin(self) -> None:
-        """Start to receive."""
+    def start(self) -> None:
+        """Start receiving."""
         self._received()
-        self._look(READING_TURNS)
+        self._check_silence(READING_TURNS)
         self.transport.resume_reading()
 
     def end(self, why: str) -> None:
-        """End the connection now, without handling remaining received data."""
+        """End the connection without handling more received data. Unsent data is still sent."""
         self._finish(why)
         self.transport.close()
 
     def close(self, why: str) -> None:
-        """End the connection once all data is sent, without handling more received data."""
+        """Close the connection like `end`, but complete `ended` only after all data is sent."""
         self._why = why
         self.transport.close()
 
     def abort(self, why: str) -> None:
-        """End the connection now, and drop unsent data."""
+        """End the connection immediately, and drop unsent data."""
         self._finish(why)
         self.transport.abort()
 
-    # --- as a protocol ----------------------------------------------------------------------
+    # --- BufferedProtocol -------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Wait for `begin`."""
+        """Store the transport, and pause reading until `start`."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - for the type checker
         self.transport = transport
         transport.pause_reading()
@@ -202,7 +210,7 @@ class Connection(asyncio.BufferedProtocol):
         self._close_of_controller()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Set the reason for the end, unless already set."""
+        """Complete `ended` with the reason, unless it is already complete."""
         if self.ended.done():
             return
         if self._why is not None:
@@ -217,7 +225,7 @@ class Connection(asyncio.BufferedProtocol):
     # ----------------------------------------------------------------------------------------
 
     def _handle(self) -> None:
-        """Handle complete frames. Yields to other callbacks between batches."""
+        """Handle one batch of frames, and schedule the next batch if frames are left."""
         if self.transport.is_closing():
             return
         try:
@@ -226,15 +234,15 @@ class Connection(asyncio.BufferedProtocol):
             self._fail(error)
             return
         if not all_handled:
-            self._behind = True
+            self._reading_paused = True
             self.transport.pause_reading()
             self._loop.call_soon(self._handle)
-        elif self._behind:
-            self._behind = False
+        elif self._reading_paused:
+            self._reading_paused = False
             self.transport.resume_reading()
 
     def _handle_some(self) -> bool:
-        """Handle one batch of frames. Returns whether it was the last."""
+        """Handle up to MAX_FRAMES_PER_TURN frames. Return False if more may be left."""
         next_packet, take = self.framer.next_packet, self._receivers.packet
         closing = self.transport.is_closing
         for _ in range(MAX_FRAMES_PER_TURN):
@@ -252,7 +260,7 @@ class Connection(asyncio.BufferedProtocol):
                 return True
             self._received()
             take(packet)
-            if closing():  # the packet's handler has closed it
+            if closing():  # the callback has closed the connection
                 return True
         return False
 
@@ -263,35 +271,38 @@ class Connection(asyncio.BufferedProtocol):
 
     def _received(self) -> None:
         if self._silence is not None:
-            self._silence.heard(self._loop.time())
+            self._silence.restart(self._loop.time())
 
-    def _look(self, turns: int) -> None:
-        """Check for silence at the end of a slice, after pending input has been read."""
+    def _check_silence(self, turns: int) -> None:
+        """End the connection if the receive timeout has expired, else schedule the next check.
+
+        At the end of a slice, `turns` more iterations of the event loop read pending data first.
+        """
         silence = self._silence
         if silence is None or self.transport.is_closing():
             return
         now = self._loop.time()
-        if (left := silence.left(now)) > 0.0:
-            self._timer = self._loop.call_later(left, self._look, READING_TURNS)
+        if (left := silence.time_left(now)) > 0.0:
+            self._timer = self._loop.call_later(left, self._check_silence, READING_TURNS)
         elif turns:
-            self._timer = self._loop.call_soon(self._look, turns - 1)
-        elif silence.passed(now):
-            self.end(f'silent for {silence.patience:g} s')
+            self._timer = self._loop.call_soon(self._check_silence, turns - 1)
+        elif silence.end_slice(now):
+            self.end(f'silent for {silence.timeout:g} s')
         else:
-            self._look(READING_TURNS)
+            self._check_silence(READING_TURNS)
 
     def _fail(self, error: Exception) -> None:
         if not self.ended.done():
             self.ended.set_exception(error)
-        self._stop_looking()
+        self._cancel_timer()
         self.transport.abort()
 
     def _finish(self, why: str) -> None:
         if not self.ended.done():
             self.ended.set_result(why)
-        self._stop_looking()
+        self._cancel_timer()
 
-    def _stop_looking(self) -> None:
+    def _cancel_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

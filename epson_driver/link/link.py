@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A TCP connection to one port of a controller that reconnects automatically."""
+"""The driver's side of one port of a controller: a TCP connection that is re-established."""
 
 import asyncio
 import contextlib
@@ -36,12 +36,12 @@ from epson_driver.simple_message import (
 )
 from epson_driver.socket_errors import reason
 
-KEPT_LATENCIES = 512
+MAX_LATENCIES = 512
 
 
 @dataclass
 class LinkStatistics:
-    """Counters since the creation of the link object, bounded in memory."""
+    """Counters of a link since its creation."""
 
     connections: int = 0
     connected_since: float | None = None
@@ -52,41 +52,43 @@ class LinkStatistics:
     bytes_sent: int = 0
     unsolicited_replies: int = 0
     bad_frames: Counter[str] = field(default_factory=Counter)
-    """Count per invalid field (`length`, `comm_type`, `body`, …)."""
-    reply_latencies: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT_LATENCIES))
-    """Seconds from a request to its reply, in order of arrival."""
+    """Invalid frames by their invalid field (`length`, `comm_type`, `body`, …)."""
+    reply_latencies: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
+    """Latest times from a request to its reply, s, in order of arrival."""
 
 
 CONNECT_TIMEOUT_S = 1.0
 MIN_PROVEN_UPTIME_S = 1.0
-"""Uptime, s, after which a lost connection is retried immediately. A connection that was closed
-sooner (for example because the controller already has its one client) keeps its back-off."""
+"""Uptime, s, that resets the back-off, so that the first reconnection is immediate. A controller
+that already serves another client closes the connection sooner, and the back-off grows."""
 
 MAX_UNSENT_BYTES = 65536
-"""Limit of unread bytes beyond which a controller is disconnected (docs/invariants.md, 7)."""
+"""Maximum number of unsent bytes. A controller that reads too little is disconnected before the
+next message (docs/invariants.md, 7)."""
 
 DIALECT_MESSAGES = (JointPosition, JointFeedback)
-"""Messages of every state server that contain reals, whose length reveals the width."""
+"""Messages that determine the dialect. Every state server sends one of them, and its length shows
+the width of its reals."""
 
 _TOPIC, _REPLY = CommType.TOPIC, CommType.SERVICE_REPLY
-"""Used for each packet. Access through the enum is several times slower."""
+"""Copies of the enum's members, which are several times faster to access."""
 
 _log = logging.getLogger(__name__)
 
 
 class Link:
-    """Keeps one connection alive and converts its bytes to packets.
+    """A connection to one port, which converts bytes to packets and reconnects automatically.
 
-    `run` connects, receives, and reconnects until it is cancelled. The callbacks are called in the
-    event loop: `on_packet` with every topic and every unexpected reply, `on_state` after each
-    change with the new state and the reason.
+    `run` connects, receives, and reconnects until it is cancelled. Callbacks run in the event
+    loop. `on_packet` receives every topic and every unexpected reply. `on_state` receives each new
+    state and the reason.
 
-    `receive_timeout`, s: the connection is closed if no complete message arrives for longer. With
-    None, only the keepalive detects a peer that has vanished. `byte_order` None: detected from the
-    first bytes of each connection. The attribute `dialect` is used to write requests. It follows
-    the received messages, and may be set. `trace` is called with each step of a connection; it may
-    be set or removed at any time. `quiet` logs bad frames at debug level, for a port where another
-    service may listen. `before_connecting` is awaited before each attempt.
+    * `byte_order`: None detects it from the first bytes of each connection.
+    * `receive_timeout`: the connection is closed if no complete message arrives for this time, s.
+      With None, only TCP keepalive detects a vanished peer.
+    * `trace`: called with each step of a connection. The attribute may be set at any time.
+    * `quiet`: logs bad frames at debug level, for a port where another service may listen.
+    * `before_connecting`: awaited before each connection attempt.
     """
 
     def __init__(
@@ -108,6 +110,7 @@ class Link:
         self.port = port
         self.state = LinkState.DISCONNECTED
         self.dialect = Dialect(byte_order or ByteOrder.LITTLE)
+        """Dialect of sent messages, which follows received joint positions. It may be set."""
         self.statistics = LinkStatistics()
         self._byte_order = byte_order
         self._on_packet = on_packet
@@ -122,21 +125,21 @@ class Link:
             self._received, self._dispatch, self._bad_frame, self._on_event
         )
         self._connection: Connection | None = None
-        """The connection for sending messages, or None when not connected."""
+        """The current connection, or None when not connected."""
         self._now: Callable[[], float]
-        """The loop's clock, s, set by `run`. Looking up the running loop costs a system call."""
+        """The event loop's clock, s, set by `run`, because looking up the loop is slow."""
         self._written: Dialect | None = None
         """Dialect of the last message sent on this connection, or None before the first."""
         self.attempt = 0
-        """Connection attempts since the last stable connection."""
+        """Connection attempts since the last connection longer than MIN_PROVEN_UPTIME_S."""
         self.joints_withheld = False
-        """Whether the controller is expected to send no joints in its current state."""
+        """Whether the controller sends no joint positions in its present state, as expected."""
         self.last_received = 0.0
-        """Loop time of the last read, s. It applies to all data of that read."""
+        """Loop time of the last read, s."""
 
     @property
     def connected(self) -> bool:
-        """True while requests can be sent."""
+        """Whether messages can be sent."""
         return self.state is LinkState.CONNECTED
 
     @property
@@ -145,10 +148,10 @@ class Link:
         if self._connection is None:
             return None
         transport = self._connection.transport
-        ends = [transport.get_extra_info(name) for name in ('sockname', 'peername')]
-        if None in ends:  # the connection has ended
+        names = [transport.get_extra_info(name) for name in ('sockname', 'peername')]
+        if None in names:  # the connection has ended
             return None
-        own, other = ends
+        own, other = names
         return (own[0], own[1]), (other[0], other[1])
 
     @property
@@ -170,11 +173,11 @@ class Link:
             while True:
                 if self._before_connecting is not None:
                     await self._before_connecting()
-                began = loop.time()
+                start = loop.time()
                 established = await self._connect_and_receive()
                 if established and loop.time() - established > MIN_PROVEN_UPTIME_S:
                     self.attempt = 0
-                pause = back_off(self.attempt) - (loop.time() - began)
+                pause = back_off(self.attempt) - (loop.time() - start)
                 self.attempt += 1
                 await asyncio.sleep(max(pause, 0.0))
                 self._step(LinkEvent.RETRY, f'attempt {self.attempt}')
@@ -182,10 +185,11 @@ class Link:
             self._step(LinkEvent.CLOSE, 'closed')
 
     def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> PendingRequest:
-        """Send a request. `on_reply` is called with its reply and the loop's time, s.
+        """Send a request, and return it for `give_up`.
 
-        Returns the request for `give_up`. Raises ConnectionError if the link is not connected or
-        the controller does not read, FieldError if a value does not fit.
+        `on_reply` is called with the reply and its loop time, s. Raises ConnectionError if the
+        link is not connected or the controller does not read, or FieldError if a value does not
+        fit its field.
         """
         if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
@@ -201,11 +205,11 @@ class Link:
         return waiting
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Stop waiting for a reply. A late one is not matched to another request."""
+        """Stop waiting for a reply. A late reply with a sequence is not matched to others."""
         self._pending.give_up(waiting)
 
-    def tell(self, message: Message) -> None:
-        """Send a topic, which has no reply. Raises as `post`."""
+    def send_topic(self, message: Message) -> None:
+        """Send a topic, which has no reply. Raises the exceptions of `post`."""
         if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         data = encode(topic(message), self.dialect)
@@ -213,37 +217,39 @@ class Link:
         self._write(self._connection, data)
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the dialect of another port of the controller.
+        """Use the dialect of the state port on this port of the same controller.
 
-        A connection that was used with a different dialect is reconnected, because the controller
-        cannot have understood the sent data, and later data could not be decoded.
+        Reconnects if data was sent or received in another dialect, because one side has
+        misread it.
         """
         self.dialect = dialect
         if self._connection is None:
             return
-        came = self._connection.framer.byte_order
+        received_order = self._connection.framer.byte_order
         if self._written not in (None, dialect):
             self.reconnect(f'sent as {self._written}, but the state is {dialect}')
-        elif came not in (None, dialect.byte_order):
-            self.reconnect(f'received {came.name.lower()} endian, but the state is {dialect}')
+        elif received_order not in (None, dialect.byte_order):
+            self.reconnect(
+                f'received {received_order.name.lower()} endian, but the state is {dialect}'
+            )
 
     def reconnect(self, why: str) -> None:
-        """Close the connection once all data is sent, and reconnect.
-
-        Pending replies are no longer received.
-        """
+        """Close the connection once all data is sent, and reconnect. Pending replies are lost."""
         if self._connection is not None:
             self._connection.close(why)
             self._connection = None
 
     @property
     def unsent(self) -> int:
-        """Bytes not sent yet because the controller has not read earlier ones."""
+        """Number of bytes that wait because the controller has not read earlier ones."""
         transport = self.transport
         return 0 if transport is None else transport.get_write_buffer_size()
 
     async def _connect_and_receive(self) -> float | None:
-        """Return the loop time at which the connection was established, s, or None on failure."""
+        """Connect, and receive until the connection ends.
+
+        Return the loop time at which it was established, s, or None if it was not.
+        """
         loop = asyncio.get_running_loop()
         connection = Connection(self._receivers, self._new_framer(), self._receive_timeout)
         try:
@@ -275,9 +281,9 @@ class Link:
         return PacketFramer(self._byte_order)
 
     async def _serve(self, connection: Connection) -> str:
-        """Receive on a connection until it ends, and return the reason."""
+        """Receive on a connection until it names, and return the reason."""
         self._establish()
-        connection.begin()
+        connection.start()
         return await connection.ended
 
     def _establish(self) -> None:
@@ -298,11 +304,11 @@ class Link:
         if packet.comm_type is _TOPIC:
             self._on_packet(packet)
         elif packet.comm_type is _REPLY:
-            self._settle(packet)
+            self._handle_reply(packet)
         else:
             self._answer(packet)
 
-    def _settle(self, packet: Packet) -> None:
+    def _handle_reply(self, packet: Packet) -> None:
         waiting = self._pending.take(packet)
         if waiting is None:
             self.statistics.unsolicited_replies += 1
@@ -322,7 +328,7 @@ class Link:
                 self._write(self._connection, encode(answer, packet.dialect))
 
     def _write(self, connection: Connection, data: bytes) -> None:
-        """Write data. If the peer does not read, end the connection and raise ConnectionError."""
+        """Send data. Raises ConnectionError, and disconnects, if the controller does not read."""
         if connection.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             why = 'the controller does not read the sent data'
             connection.abort(why)
@@ -351,7 +357,7 @@ class Link:
 
 
 def _configure(connection: socket.socket) -> None:
-    """Disable send delays, and detect a peer that has vanished within about 3 s.
+    """Disable send delays, and set keepalive to detect a vanished peer within about 3 s.
 
     Options that the platform lacks are skipped. A broken socket reports its error on reading.
     """

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log entries of a link: once per loss or recovery, not for every attempt to reconnect.
+"""Log messages about the state of a link: one per loss or recovery, not one per attempt.
 
-A controller that serves one client closes the connections of a second one immediately. After
-MAX_SHORT such connections this is logged once, and then nothing until a connection lasts.
+A controller that serves one client closes the connections of a second client immediately. After
+MAX_SHORT such connections, one warning is logged, and then nothing until a connection lasts.
 """
 
 import asyncio
@@ -13,9 +13,10 @@ from epson_driver.link.link import Link
 from epson_driver.link.states import LinkState
 
 SHORT_S = 0.2
-"""Duration below which a connection closed by the controller was not served, s."""
+"""Duration below which a connection counts as closed immediately, s."""
 
 MAX_SHORT = 3
+"""Successive connections closed immediately after which their cause is logged."""
 
 TURNED_AWAY = 'another client is connected, or its program is not running'
 """Explanation for a controller that closes connections immediately."""
@@ -24,29 +25,33 @@ _log = logging.getLogger(__name__)
 
 
 class LinkReports:
-    """Reports of one link. Call `tell` on each change of its state, in the event loop.
+    """Logger of one link's state.
 
-    `configured_as`: the configured controller and model (the protocol cannot identify the peer).
+    `configured_as`: the configured controller and model, because the protocol cannot identify
+    them.
     """
 
     def __init__(self, link: Link, configured_as: str = '') -> None:
         self._link = link
         self._peer = f', configured as {configured_as}' if configured_as else ''
-        self._missed = False
+        self._failure_logged = False
         self._short = 0
         self._connected_at: float | None = None
-        self._lasting: asyncio.TimerHandle | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
-    def tell(self, why: str) -> None:
-        """Log the link's current state, unless already logged. `why`: its cause."""
+    def log_state(self, why: str) -> None:
+        """Log the link's new state and its reason, unless it repeats a logged failure.
+
+        Must be called in the event loop on each change of the state.
+        """
         link, loop = self._link, asyncio.get_running_loop()
-        if self._lasting is not None:
-            self._lasting.cancel()
-            self._lasting = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
         if link.connected:
             self._connected_at = loop.time()
             if self._short >= MAX_SHORT:
-                self._lasting = loop.call_later(SHORT_S, self._served, why)
+                self._timer = loop.call_later(SHORT_S, self._served, why)
             else:
                 self._connected(why)
         elif link.state is LinkState.BACKING_OFF:
@@ -59,7 +64,7 @@ class LinkReports:
         self._connected(why)
 
     def _connected(self, why: str) -> None:
-        self._missed = False
+        self._failure_logged = False
         _log.info('%s link connected: %s%s', self._link.name, why, self._peer)
 
     def _lost(self, why: str, now: float) -> None:
@@ -75,6 +80,6 @@ class LinkReports:
                 why,
                 TURNED_AWAY,
             )
-        elif self._short < MAX_SHORT and not self._missed:
+        elif self._short < MAX_SHORT and not self._failure_logged:
             _log.warning('%s link down: %s; retrying every ≤ 1 s', self._link.name, why)
-        self._missed = True
+        self._failure_logged = True

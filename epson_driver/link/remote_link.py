@@ -1,19 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One connection to the remote port, through which an arm moves without a SPEL+ program.
+"""A link to EPSON's Remote Ethernet port, which moves an arm without a SPEL+ program.
 
-It serves as the motion link and the state link of other controllers:
+This one link replaces the motion link and the state link:
 
-* A Statement is sent as `$Execute`, and its reply arrives when it has finished. STOP is sent as
-  `$Abort`, whose reply is immediate. Until the aborted statement is also answered, the arm may
-  move.
-* The state is polled `period` s after the previous reply: `$GetStatus`, then
-  `$Execute,"Print Agl(1), …"`. The controller only accepts the second while it executes nothing,
-  in AUTO, without E-stop, error or open door. Otherwise joints are unavailable, and
-  `joints_withheld` marks this as expected. The driver never substitutes joint values.
-* Replies contain the name of their command, so `$GetStatus` and `$Abort` can overtake a running
-  statement. A reply without a matching request ends the connection, because later replies would be
-  unreliable, too.
+* A SPEL+ statement is sent as `$Execute`. Its reply arrives when the statement has finished. STOP
+  is sent as `$Abort`, whose reply is immediate. The arm may move until the reply to the aborted
+  statement has also arrived.
+* The state is polled with `$GetStatus`, then `$Execute,"Print Agl(1), …"`, with `period` s between
+  polls. The controller only accepts the second command while it executes nothing, in AUTO, without
+  E-stop, error or open door. Otherwise joint positions are unavailable, and `joints_withheld` is
+  set because this is no fault. The driver never substitutes joint values.
+* Replies contain the name of their command, so the replies to `$GetStatus` and `$Abort` can
+  overtake the reply to a running statement. A reply without a matching request ends the
+  connection, because later replies could be matched wrongly.
 * The controller serves one client. If the client disconnects, the controller still completes its
   command.
 """
@@ -28,7 +28,7 @@ from typing import NoReturn
 
 from epson_driver.inputs import printable
 from epson_driver.link import Link, LinkState, WireEvent
-from epson_driver.link.connection import AnyFramer, Connection, ReceiveTimeout, silent
+from epson_driver.link.connection import AnyFramer, Connection, ReceiveTimeout, wait_for_silence
 from epson_driver.remote_ethernet.answers import (
     ask_flags,
     ask_positions,
@@ -55,11 +55,12 @@ from epson_driver.simple_message import (
 )
 
 MAX_LINE_BYTES = 8192
-"""Maximum length of a line. A reply has at most 4,060 characters plus its command (RC+ 7.0)."""
+"""Maximum length of a line, bytes. A reply has at most 4,060 characters plus its command (RC+
+7.0)."""
 
 
 class LineFramer:
-    """Splits bytes into lines, which end with CR, LF or both. Empty lines are dropped."""
+    """Splitter of bytes into lines, which end with CR, LF or both. Empty lines are dropped."""
 
     byte_order: ByteOrder | None = None
 
@@ -74,7 +75,10 @@ class LineFramer:
         self._lines.extend(filter(None, lines))
 
     def next_packet(self) -> str | None:
-        """Return the next line, printable, or None. Raises FrameError if a line is too long."""
+        """Return the next line as printable text, or None if it is incomplete.
+
+        Raises FrameError if the line is too long.
+        """
         complete = bool(self._lines)
         line = self._lines.popleft() if complete else self.unread
         if len(line) > MAX_LINE_BYTES:
@@ -86,31 +90,33 @@ class LineFramer:
 
 
 ABORTED_TIMEOUT_S = 2.0
-"""Timeout for the reply of an aborted statement, s. After it the link reconnects."""
+"""Timeout for the reply to an aborted statement, s, after which the link reconnects."""
 
-GOES_ON = (
-    'the controller continues to the end of its command. The E-stop stops it, and so does the '
-    '$Abort that is sent first on the next connection'
+COMMAND_CONTINUES = (
+    'the controller completes its command, unless the E-stop or the $Abort that is sent first on '
+    'the next connection stops it'
 )
 
 ONE_CLIENT = 'another Remote Ethernet client is connected, or the server is not running'
 
 _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Paused', 'Running'}
-"""Flags that prevent the controller from executing a statement."""
+"""GetStatus flags with which the controller does not execute a statement."""
 
 _SHOWN_CHARACTERS = 60
 
-OnAnswer = Callable[[str | Exception], None]
-"""Receives the value of a reply, or the RemoteError or ConnectionError in place of it."""
+OnReply = Callable[[str | Exception], None]
+"""Called with the value of a reply, or with the RemoteError or ConnectionError instead."""
 
 
 @dataclass(eq=False)
-class _Question:
-    """A command without its `$`. `answered` is called with the reply's value, or the error."""
+class _Request:
+    """A command and the receiver of its reply."""
 
     command: str
-    answered: OnAnswer
+    """The command without its `$`."""
+    on_reply: OnReply
     sent: float = 0.0
+    """Loop time, s."""
 
     @property
     def name(self) -> str:
@@ -118,10 +124,11 @@ class _Question:
 
 
 class RemoteLink(Link):
-    """A Link to the remote port. `units`: 'rad' or 'm', one per joint.
+    """A Link to the Remote Ethernet port.
 
-    The polled state is passed to `on_packet` as STATUS and JOINT_POSITION. The link is lost when
-    no state request is answered for `timeout` s, even if other replies arrive.
+    The polled state is passed to `on_packet` as STATUS and JOINT_POSITION. The link is lost if no
+    reply to a state request arrives for `timeout` s, even if other replies arrive. `units`: 'rad'
+    or 'm', one per joint.
     """
 
     def __init__(
@@ -143,69 +150,76 @@ class RemoteLink(Link):
             on_packet=on_packet,
             on_state=on_state,
         )
-        self._unanswered = ReceiveTimeout(max(timeout, 2.0 * period))
+        self._state_timeout = ReceiveTimeout(max(timeout, 2.0 * period))
         self._units = tuple(units)
         self._password = password
         self._period = period
-        self._asked: list[_Question] = []
-        self._executes: deque[_Question] = deque()
-        self._motion: _Question | None = None
-        self._aborted: float | None = None
+        self._pending_requests: list[_Request] = []
+        self._statements: deque[_Request] = deque()
+        self._motion: _Request | None = None
+        self._abort_time: float | None = None
         self._wake = asyncio.Event()
         self.flags: tuple[str, ...] = ()
-        """Flags of the last GetStatus reply that were set."""
+        """Names of the flags that were set in the last reply to GetStatus."""
 
     @property
     def moving(self) -> bool:
-        """Whether a statement that moves the arm is unanswered."""
+        """Whether the reply to a statement that moves the arm is pending."""
         return self._motion is not None
 
-    def move(self, text: str, answered: OnAnswer) -> None:
-        """Send statements that move the arm as `$Execute`. Raises ConnectionError."""
+    def move(self, text: str, on_reply: OnReply) -> None:
+        """Send statements that move the arm as `$Execute`.
+
+        Raises ConnectionError if the link is not connected or the controller does not read.
+        """
         self._check_login()
-        self._motion = _Question(f'Execute,"{text}"', answered)
+        self._motion = _Request(f'Execute,"{text}"', on_reply)
         self.joints_withheld = True
         self._execute(self._motion)
 
-    def abort(self, answered: OnAnswer) -> None:
-        """Send `$Abort`, and drop a motion that has not been sent yet. Raises ConnectionError."""
+    def abort(self, on_reply: OnReply) -> None:
+        """Send `$Abort`, and drop a motion that has not been sent yet.
+
+        Raises ConnectionError if the link is not connected or the controller does not read.
+        """
         self._check_login()
         motion = self._motion
-        if motion is not None and motion in self._executes:
-            self._executes.remove(motion)
+        if motion is not None and motion in self._statements:
+            self._statements.remove(motion)
             self._motion = None
-            motion.answered(RemoteError('Abort', RemoteErrorNumber.SYSTEM))
-        if self._motion is not None and self._aborted is None:
-            self._aborted = self._now()
-        self._send(_Question('Abort', answered))
+            motion.on_reply(RemoteError('Abort', RemoteErrorNumber.SYSTEM))
+        if self._motion is not None and self._abort_time is None:
+            self._abort_time = self._now()
+        self._send(_Request('Abort', on_reply))
 
     def _check_login(self) -> None:
         if not self.connected:
             raise ConnectionError(f'remote link is {self.state.value}')
 
     def post(self, message: Message, on_reply: object) -> NoReturn:
-        """Raise ConnectionError, as `tell`: the remote port takes text only."""
-        self.tell(message)
+        """Raise ConnectionError, because the Remote Ethernet port takes text only."""
+        self.send_topic(message)
 
-    def tell(self, message: Message) -> NoReturn:
-        """Raise ConnectionError: the remote port takes text only."""
-        raise ConnectionError(f'{message} is nothing for a remote port')
+    def send_topic(self, message: Message) -> NoReturn:
+        """Raise ConnectionError, because the Remote Ethernet port takes text only."""
+        raise ConnectionError(f'{message} cannot be sent to a Remote Ethernet port')
 
     def follow(self, dialect: Dialect) -> None:
         """Do nothing, because text has no byte order."""
 
     async def ask(self, command: str) -> str:
-        """Send a command, without its `$`, and return the value of its reply.
+        """Send a command, given without its `$`, and return the value of its reply.
 
-        Raises RemoteError if the controller refuses it, or for a statement while another one moves
-        the arm. Raises ConnectionError.
+        Raises RemoteError if the controller refuses the command, or if it is `Execute` while the
+        arm moves, ConnectionError if the link is not connected or is lost, or ValueError if the
+        command is not printable.
         """
         if not command.isprintable():
             shown = repr(without_password(command))
             raise ValueError(f'{shown} must be one command, a line of printable characters')
         answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
-        def answered(value: str | Exception) -> None:
+        def on_reply(value: str | Exception) -> None:
             if answer.done():
                 return
             if isinstance(value, str):
@@ -213,21 +227,20 @@ class RemoteLink(Link):
             else:
                 answer.set_exception(value)
 
-        question = _Question(command, answered)
-        if question.name != 'execute':
-            self._send(question)
+        request = _Request(command, on_reply)
+        if request.name != 'execute':
+            self._send(request)
         elif self._motion is not None:
             raise RemoteError(command, RemoteErrorNumber.EXECUTING)
         else:
-            self._execute(question)
+            self._execute(request)
         return await answer
 
     @asynccontextmanager
     async def session(self, timeout: float) -> AsyncIterator[Ask]:
-        """Yield a function like `client.logged_in`, limited to `timeout` s.
+        """Yield `ask`, like `client.logged_in` does, for at most `timeout` s.
 
-        Raises TimeoutError, and as `ask`. Commands that need the arm at rest are refused while it
-        moves.
+        Raises TimeoutError after that time, or the exceptions of `ask`.
         """
         self._check_login()
         async with asyncio.timeout(timeout):
@@ -240,54 +253,56 @@ class RemoteLink(Link):
         return LineFramer()
 
     async def _serve(self, connection: Connection) -> str:
-        connection.begin()
-        tasks = [asyncio.create_task(part) for part in (self._talk(), self._watch())]
+        connection.start()
+        coroutines = self._log_in_and_poll(), self._watch_state()
+        tasks = [asyncio.create_task(coroutine) for coroutine in coroutines]
         try:
-            ends = (connection.ended, *tasks)
-            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-            why = next(end.result() for end in ends if end.done())
+            futures = (connection.ended, *tasks)
+            await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
+            why = next(future.result() for future in futures if future.done())
             if not self.connected and why == 'closed by the controller':
                 why += f' at the login: {ONE_CLIENT}'
-            return f'{why}; {GOES_ON}' if self.moving else why
+            return f'{why}; {COMMAND_CONTINUES}' if self.moving else why
         finally:
             for task in tasks:
                 task.cancel()
             try:
                 await asyncio.gather(*tasks, return_exceptions=True)
             finally:  # last: pending requests would otherwise never complete, and block others
-                self._motion, self._aborted, self.joints_withheld = None, None, False
-                unanswered, self._asked = [*self._asked, *self._executes], []
-                self._executes.clear()
-                for question in unanswered:
-                    question.answered(ConnectionError('the connection ended before the reply'))
+                self._motion, self._abort_time, self.joints_withheld = None, None, False
+                unanswered = [*self._pending_requests, *self._statements]
+                self._pending_requests.clear()
+                self._statements.clear()
+                for request in unanswered:
+                    request.on_reply(ConnectionError('the connection ended before the reply'))
 
-    async def _watch(self) -> str:
-        """Wait until the state is unanswered for the timeout. Return why the link is lost."""
-        await silent(self._unanswered)
-        return f'silent for {self._unanswered.patience:g} s'
+    async def _watch_state(self) -> str:
+        """Wait until state requests get no reply for the timeout. Return why the link is lost."""
+        await wait_for_silence(self._state_timeout)
+        return f'silent for {self._state_timeout.timeout:g} s'
 
-    async def _talk(self) -> str:
-        """Log in, then poll the state. Return why the dialogue has ended."""
+    async def _log_in_and_poll(self) -> str:
+        """Log in, then poll the state periodically. Return why this has ended."""
         try:
             await self._ask_state(f'Login,{self._password}')
             self._establish()
             while True:
-                await self._look()
+                await self._poll_state()
                 self._wake.clear()
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(self._period):
                         await self._wake.wait()
-                if self._aborted and self._now() - self._aborted > ABORTED_TIMEOUT_S:
+                if self._abort_time and self._now() - self._abort_time > ABORTED_TIMEOUT_S:
                     return 'no reply to the aborted command'
         except (RemoteError, ConnectionError) as error:
             return str(error)
 
     async def _ask_state(self, command: str) -> str:
         answer = await self.ask(command)
-        self._unanswered.heard(self._now())
+        self._state_timeout.restart(self._now())
         return answer
 
-    async def _look(self) -> None:
+    async def _poll_state(self) -> None:
         """Poll the state, and publish it."""
         self.flags, number = await ask_flags(self._ask_state)
         joints: tuple[float, ...] | None = None
@@ -301,35 +316,35 @@ class RemoteLink(Link):
         if joints is not None:
             self._on_packet(topic(JointPosition(0, joint_data(joints))))
 
-    def _execute(self, question: _Question) -> None:
-        """Send a command once no other is running. A controller does not queue commands."""
-        self._executes.append(question)
+    def _execute(self, request: _Request) -> None:
+        """Send a statement once no other one runs. A controller does not queue statements."""
+        self._statements.append(request)
         self._send_next()
 
     def _send_next(self) -> None:
-        if self._executes and all(item.name != 'execute' for item in self._asked):
-            self._send(self._executes.popleft())
+        if self._statements and all(item.name != 'execute' for item in self._pending_requests):
+            self._send(self._statements.popleft())
 
-    def _send(self, question: _Question) -> None:
+    def _send(self, request: _Request) -> None:
         connection = self._connection
         if connection is None:
             raise ConnectionError(f'remote link is {self.state.value}')
-        question.sent = self._now()
-        self._asked.append(question)
+        request.sent = self._now()
+        self._pending_requests.append(request)
         tap, self.trace = self.trace, None  # no password in a trace
         try:
-            self._write(connection, f'${question.command}\r\n'.encode())
+            self._write(connection, f'${request.command}\r\n'.encode())
         finally:
             self.trace = tap
         if tap is not None:
-            tap(WireEvent.SENT, f'${without_password(question.command)}\r\n'.encode())
+            tap(WireEvent.SENT, f'${without_password(request.command)}\r\n'.encode())
 
     def _dispatch(self, packet: object) -> None:
-        """Pass a reply to the oldest request with its name."""
+        """Pass a reply to the oldest request with its command name."""
         line = str(packet)
         self.statistics.frames_received += 1
-        for question in self._asked:
-            if (answer := answer_to(line, question.command)) is not None:
+        for request in self._pending_requests:
+            if (answer := answer_to(line, request.command)) is not None:
                 break
         else:
             self.statistics.bad_frames['answer'] += 1
@@ -337,20 +352,20 @@ class RemoteLink(Link):
                 shown = line[:_SHOWN_CHARACTERS]
                 self._connection.end(f"'{shown}' is not a reply to the request")
             return
-        self._asked.remove(question)
-        self.statistics.reply_latencies.append(self.last_received - question.sent)
-        if question is self._motion:
-            self._motion = self._aborted = None
+        self._pending_requests.remove(request)
+        self.statistics.reply_latencies.append(self.last_received - request.sent)
+        if request is self._motion:
+            self._motion = self._abort_time = None
             self._wake.set()
-        question.answered(answer)
+        request.on_reply(answer)
         self._send_next()
 
 
 def _status(flags: Sequence[str], number: int, powered: bool | None, *, moving: bool) -> Status:
-    """Return the STATUS for the flags of GetStatus, including the state of the motors.
+    """Return the STATUS for the flags and error number of GetStatus.
 
-    The motors' state is printed with the joints. Without joints, an E-stop means that they are
-    off.
+    `powered`: the state of the motors, or None if it was not polled. `moving`: whether this link
+    moves the arm.
     """
     active = set(flags)
     motors = TriState.UNKNOWN if powered is None else TriState(powered)

@@ -1,13 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Matches replies to requests, for controllers that reply in different formats.
+"""Matching of replies to pending requests, for controllers with different formats of replies.
 
-* FANUC copies the request's sequence into a JOINT_POSITION. EPSON's program leaves it zero. ABB
-  sends a header of the request's type without a body. A sequence of a pending request identifies
-  that request. Otherwise the reply matches the oldest pending request of a compatible type.
+* FANUC replies with a JOINT_POSITION that has the request's sequence. In EPSON's, the sequence is
+  0. ABB replies with the request's type and no body. A reply with the sequence of a pending
+  request matches that request. Any other reply matches the oldest pending request of a compatible
+  type.
 * FANUC also sends a second, negative reply for a point that it has acknowledged but cannot reach.
-  A recently answered sequence therefore does not match the next request.
-* Motoman's MOTION_REPLY repeats the command that it answers, or marks the reply to a point.
+  Therefore a reply with a recently answered sequence does not match another request.
+* Motoman's MOTION_REPLY contains the command of its MOTION_CTRL, or the message type of its point.
 """
 
 from collections import deque
@@ -43,37 +44,36 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
         )
     },
 }
-"""Types of reply per type of request. An unlisted type is answered by the same type."""
+"""Reply types per request type. The reply to an unlisted type has the same type."""
 
 STOP = int(SpecialSequence.STOP_TRAJECTORY)
 
 MAX_ANSWERED = 16
+"""Number of recently answered sequences that are remembered."""
 
 MAX_PENDING = 64
-"""Maximum number of pending requests. Usually one point and a STOP are pending. The oldest is
-dropped beyond this."""
+"""Maximum number of pending requests, beyond which the oldest is dropped. One point and a STOP are
+usual."""
 
 MAX_REPLY_AGE_S = 1.0
-"""Maximum age of a pending request at the start of a new trajectory, s. The previous trajectory
-has ended, so an older reply will not arrive, and would otherwise take the place of a later one."""
+"""Age, s, after which a pending request is dropped when a new trajectory starts. Its reply will
+not arrive any more, and the request would otherwise match a later reply."""
 
 
 @dataclass(slots=True, eq=False)
 class PendingRequest:
-    """A request without its reply. `sent`: loop time, s.
-
-    `command`: of a MOTION_CTRL. A MOTION_REPLY to any other request has the request's type in its
-    command field.
-    """
+    """A request whose reply has not arrived yet."""
 
     msg_type: int
     sequence: int | None
     sent: float
+    """Loop time, s."""
     on_reply: Callable[[Packet, float], None]
     command: int | None = None
+    """Command of a MOTION_CTRL, or None for other requests."""
 
     def may_be_answered_by(self, reply: Packet) -> bool:
-        """Return whether the reply has a type that answers this request."""
+        """Return whether the types, and the command of a MOTION_REPLY, match."""
         if reply.msg_type not in ANSWERED_BY.get(self.msg_type, (self.msg_type,)):
             return False
         message = reply.message
@@ -92,13 +92,13 @@ class PendingReplies:
         return len(self._waiting)
 
     def add(self, waiting: PendingRequest) -> None:
-        """Add a request that is being sent."""
+        """Add a request. Forget requests whose reply will not arrive any more."""
         if waiting.sequence in self._answered:  # a new trajectory counts from 0 again
             self._answered.clear()
         if waiting.sequence == 0:
             while self._waiting and waiting.sent - self._waiting[0].sent > MAX_REPLY_AGE_S:
                 self._waiting.popleft()
-        if waiting.sequence == STOP:  # a reply to one STOP answers them all
+        if waiting.sequence == STOP:  # older STOPs will not be answered any more
             self._waiting = deque(
                 (
                     item
@@ -111,7 +111,7 @@ class PendingReplies:
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> PendingRequest | None:
-        """Remove and return the request that the reply answers, or None."""
+        """Remove and return the request that matches a reply, or None if there is none."""
         result = self._find(reply)
         if result is not None:
             self._waiting.remove(result)
@@ -120,14 +120,14 @@ class PendingReplies:
         return result
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Drop one request. A late reply with its sequence does not match another one."""
+        """Remove a request. A late reply with its sequence does not match another request."""
         if waiting in self._waiting:
             self._waiting.remove(waiting)
             if waiting.sequence:
                 self._answered.append(waiting.sequence)
 
     def clear(self) -> None:
-        """Drop all requests, because the link is lost."""
+        """Remove all requests."""
         self._waiting.clear()
         self._answered.clear()
 
@@ -143,7 +143,7 @@ class PendingReplies:
 
 
 def sequence_of(message: Message) -> int | None:
-    """Return a message's sequence, or an I/O message's message_id, or None if it has neither."""
+    """Return a message's `sequence` or `message_id`, or None if it has neither."""
     sequence: int | None = getattr(message, 'sequence', None)
     if sequence is None:
         sequence = getattr(message, 'message_id', None)

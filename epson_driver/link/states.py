@@ -3,11 +3,11 @@
 """The states of a link and all transitions between them.
 
 Rules:
-1. Every change of a link's state is a row of TRANSITIONS. An event without a row changes nothing
-   and is a programming error.
-2. An open link never gives up: it is either CONNECTED or trying to connect. The controller may
-   start before or after the client, and may return at any time.
-3. A reconnected link does not allow the arm to move. The client's arm gate decides that
+1. Every change of a link's state is a row of TRANSITIONS. An event without a row is a programming
+   error and raises KeyError.
+2. An open link never gives up. It is either CONNECTED or tries to connect. The controller may
+   start before or after the driver, and may return at any time.
+3. A new connection does not allow the arm to move. The driver's gate decides that
    (docs/invariants.md, 4).
 """
 
@@ -46,9 +46,9 @@ TRANSITIONS: dict[tuple[LinkState, LinkEvent], LinkState] = {
 }
 
 BACK_OFF = (0.0, 0.1, 0.2, 0.4, 0.8, 1.0)
-"""Seconds from one attempt to the next: the first retry is immediate, later ones after ≤ 1 s."""
+"""Time from one connection attempt to the next, s, by the number of retries."""
 
 
 def back_off(attempt: int) -> float:
-    """Return the time to wait before retry number `attempt` (from 0), s."""
+    """Return the time from the previous attempt to retry number `attempt`, from 0, s."""
     return BACK_OFF[min(attempt, len(BACK_OFF) - 1)]

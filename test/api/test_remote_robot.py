@@ -253,7 +253,7 @@ def test_cut_during_a_motion_is_reported_and_abort_follows_the_reconnect():
             controller.faults.start(parse('cut port=remote for=1'))
             with pytest.raises(MotionError) as caught:
                 await motion.wait()
-            assert 'continues to the end of its command' in str(caught.value)
+            assert 'completes its command' in str(caught.value)
             assert 'E-stop stops it' in str(caught.value)
             assert controller.in_motion
             assert not robot.status.enabled

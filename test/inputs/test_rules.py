@@ -132,7 +132,7 @@ def test_deeply_nested_value_is_abbreviated() -> None:
 def test_unconnected_link_refuses_to_send() -> None:
     link = Link('state', '127.0.0.1', 11002, on_packet=print, on_state=print)
     with pytest.raises(ConnectionError, match='state link is disconnected'):
-        link.tell(JointPosition(0, (0.0,) * 10))
+        link.send_topic(JointPosition(0, (0.0,) * 10))
 
 
 def written(folder: Path, content: str | bytes) -> Path:

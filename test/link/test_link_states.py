@@ -11,7 +11,12 @@ from support.event_loop import now, run, stand_still, until
 from support.link_harness import Harness, Peer, frame, joints
 
 from epson_driver.link import Link, link_reports
-from epson_driver.link.connection import MAX_FRAMES_PER_TURN, SLICES, ReceiveTimeout, silent
+from epson_driver.link.connection import (
+    MAX_FRAMES_PER_TURN,
+    SLICES,
+    ReceiveTimeout,
+    wait_for_silence,
+)
 from epson_driver.link.link_reports import MAX_SHORT, LinkReports
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 
@@ -63,7 +68,7 @@ async def test_refusal_of_a_second_client_is_logged_once(caplog, monkeypatch):
         '127.0.0.1',
         port,
         on_packet=lambda _: None,
-        on_state=lambda _, why: reports.tell(why),
+        on_state=lambda _, why: reports.log_state(why),
     )
     reports = LinkReports(link, 'simulated, c3_a601s')
     task = asyncio.create_task(link.run())
@@ -132,21 +137,21 @@ TIMEOUT = 0.4
 
 def test_receive_timeout_expires_after_its_slices():
     silence = ReceiveTimeout(2.0)
-    assert silence.slice * SLICES == silence.patience == 2.0
-    silence.heard(10.0)
-    assert silence.left(10.1) == pytest.approx(silence.slice - 0.1)
-    assert [silence.passed(11.0) for _ in range(SLICES)] == [False] * (SLICES - 1) + [True]
-    assert silence.left(11.0) == silence.slice
+    assert silence.slice * SLICES == silence.timeout == 2.0
+    silence.restart(10.0)
+    assert silence.time_left(10.1) == pytest.approx(silence.slice - 0.1)
+    assert [silence.end_slice(11.0) for _ in range(SLICES)] == [False] * (SLICES - 1) + [True]
+    assert silence.time_left(11.0) == silence.slice
 
 
 def test_received_message_restarts_the_timeout():
     silence = ReceiveTimeout(2.0)
     for _ in range(5):
         for _ in range(SLICES - 1):
-            assert not silence.passed(10.0)
-        silence.heard(11.0)
-        assert silence.left(11.0) == silence.slice
-    assert [silence.passed(12.0) for _ in range(SLICES)] == [False] * (SLICES - 1) + [True]
+            assert not silence.end_slice(10.0)
+        silence.restart(11.0)
+        assert silence.time_left(11.0) == silence.slice
+    assert [silence.end_slice(12.0) for _ in range(SLICES)] == [False] * (SLICES - 1) + [True]
 
 
 @pytest.mark.parametrize('phase', [0.0, 0.3, 0.9])
@@ -156,9 +161,9 @@ async def test_timeout_starts_at_the_last_message(phase):
     start = now()
     last = start + (10.0 + phase) * silence.slice
     loop = asyncio.get_running_loop()
-    loop.call_at(start + 1.0, lambda: silence.heard(now()))
-    loop.call_at(last, lambda: silence.heard(now()))
-    await silent(silence)
+    loop.call_at(start + 1.0, lambda: silence.restart(now()))
+    loop.call_at(last, lambda: silence.restart(now()))
+    await wait_for_silence(silence)
     assert now() - last == pytest.approx(2.0, abs=1e-3)
 
 
@@ -171,18 +176,18 @@ async def test_message_in_the_socket_is_read_before_the_timeout_expires():
 
     def read():
         received.append(ours.recv(10))
-        silence.heard(now())
+        silence.restart(now())
 
     loop = asyncio.get_running_loop()
     loop.add_reader(ours, read)
     last_slice = now() + 0.01 * (SLICES - 1)
-    waiting = asyncio.create_task(silent(silence))
+    waiting = asyncio.create_task(wait_for_silence(silence))
     # the stall may be scheduled just before the timer
     loop.call_at(last_slice + 0.009, lambda: (stand_still(0.1), theirs.send(b'state')))
     await until(lambda: received)
     arrival = now()
     await waiting
-    assert now() - arrival == pytest.approx(silence.patience, abs=1e-3)
+    assert now() - arrival == pytest.approx(silence.timeout, abs=1e-3)
     loop.remove_reader(ours)
     theirs.close()
     ours.close()

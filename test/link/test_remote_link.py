@@ -137,10 +137,10 @@ async def test_inv3_unsent_motion_is_not_sent_after_a_stop():
 async def test_inv1_messages_for_a_motion_port_are_refused_and_not_sent():
     async with RemotePeer() as peer, Linked(peer.port) as there:
         await until(lambda: there.received(JointPosition))
-        with pytest.raises(ConnectionError, match='nothing for a remote port'):
+        with pytest.raises(ConnectionError, match='cannot be sent to a Remote Ethernet port'):
             there.link.post(GetVersion(), print)
-        with pytest.raises(ConnectionError, match='nothing for a remote port'):
-            there.link.tell(Ping())
+        with pytest.raises(ConnectionError, match='cannot be sent to a Remote Ethernet port'):
+            there.link.send_topic(Ping())
     assert not peer.given('Abort')
     assert peer.connections == 1
 
@@ -154,7 +154,7 @@ async def test_inv9_unanswered_aborted_statement_ends_the_connection():
         there.link.abort(there.answers.append)
         await until(lambda: peer.connections == 2)
     assert 'no reply to the aborted command' in there.reason()
-    assert 'continues to the end of its command' in there.reason()
+    assert 'completes its command' in there.reason()
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,7 @@ async def watch_status(self: Driver) -> None:
 HOOKS: tuple[tuple[Any, ...], ...] = (
     # tasks of the loop and their functions
     ('state link', Link, '_received', fail, of_link('state')),
-    ('motion link', Link, '_settle', fail, of_link('motion')),
+    ('motion link', Link, '_handle_reply', fail, of_link('motion')),
     ('io link', Link, '_received', fail, of_link('io')),
     ('asking for the io', io_client.Io, '_values'),
     ('state packet', Driver, '_on_state_packet'),

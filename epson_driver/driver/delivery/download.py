@@ -76,7 +76,7 @@ class Download(Delivery):
         if message == STOP:
             self._link.post(message, on_reply)
             return
-        self._link.tell(message)
+        self._link.send_topic(message)
         asyncio.get_running_loop().call_soon(self._go_on, on_reply)
 
     def _go_on(self, on_reply: OnReply) -> None:

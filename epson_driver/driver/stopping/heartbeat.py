@@ -105,7 +105,7 @@ class Heartbeat:
     def _send(self) -> None:
         self._sent = _now()
         with contextlib.suppress(ConnectionError):  # without a link the controller stops anyway
-            self._motion.tell(Ping())
+            self._motion.send_topic(Ping())
 
     def look(self, *, stopped: bool = False) -> str | None:
         """Return a clause and end the motion if the loop stalled since the last heartbeat.
