@@ -1,14 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The wire protocol: converts bytes to messages, without sockets, clock or ROS.
+"""ROS-Industrial's simple message protocol: bytes to messages and back, without sockets or ROS.
 
     framer = PacketFramer()
     framer.receive_data(chunk)
     while (packet := framer.next_packet()) is not None:
         ...
 
-`Framer`, `next_frame` and `decode` do this in two steps. `encode(request(JointTrajPt(...)),
-dialect)` is the reverse.
+`Framer` and `decode` do this in two steps: bytes to frames, then frames to packets.
+`encode(request(JointTrajPt(...)), dialect)` returns the bytes of a packet.
 """
 
 from epson_driver.simple_message.constants import (

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum, IntFlag
 
 MAX_JOINTS = 10
-"""Number of values in every message with joint data. Unused ones are 0.0."""
+"""Number of values in a message's joint data. Values of joints that an arm lacks are 0.0."""
 
 
 class MessageType(IntEnum):
-    """Message ids with a known layout. Any other message is carried as `Opaque`."""
+    """Message ids with a known layout. Messages with other ids are `Opaque`."""
 
     PING = 1
     GET_VERSION = 2
@@ -58,7 +58,7 @@ class ReplyCode(IntEnum):
 
 
 class SpecialSequence(IntEnum):
-    """Negative sequence numbers with a special meaning. The others are reserved."""
+    """Negative sequence numbers with a special meaning. Other negative numbers are reserved."""
 
     START_TRAJECTORY_DOWNLOAD = -1
     START_TRAJECTORY_STREAMING = -2
@@ -75,7 +75,7 @@ class TriState(IntEnum):
 
 
 class Mode(IntEnum):
-    """Values of `Status.mode`. 0 is not a value."""
+    """Values of `Status.mode`. There is no 0."""
 
     UNKNOWN = -1
     MANUAL = 1
@@ -92,14 +92,14 @@ class ValidFields(IntFlag):
 
 
 class ByteOrder(Enum):
-    """Byte order of every int and real. The value is `struct`'s prefix."""
+    """Byte order of all words. The value is the prefix of a `struct` format."""
 
     LITTLE = '<'
     BIG = '>'
 
 
 class Real(Enum):
-    """Width of `shared_real`. The value is `struct`'s code."""
+    """Width of the protocol's real numbers. The value is a `struct` code."""
 
     FLOAT32 = 'f'
     FLOAT64 = 'd'
@@ -107,12 +107,12 @@ class Real(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """Byte order and real width of one controller. EPSON's RC620 (x86): little endian, float32."""
+    """Byte order and real width of one controller. The defaults apply to EPSON's RC620 (x86)."""
 
     byte_order: ByteOrder = ByteOrder.LITTLE
     real: Real = Real.FLOAT32
     number: int = field(init=False, repr=False, compare=False)
-    """Index, 0 to 3, for values stored per dialect (`DIALECTS`)."""
+    """Index of an equal dialect in `DIALECTS`, 0 to 3."""
 
     def __post_init__(self) -> None:
         number = 2 * (self.byte_order is ByteOrder.BIG) + (self.real is Real.FLOAT64)
@@ -126,15 +126,15 @@ LITTLE_ENDIAN = Dialect()
 BIG_ENDIAN = Dialect(ByteOrder.BIG)
 
 DIALECTS = tuple(Dialect(order, real) for order in ByteOrder for real in Real)
-"""All dialects by number."""
+"""All dialects, in the order of their `number`."""
 
 
 class SimpleMessageError(ValueError):
-    """A field of a frame or message breaks a rule of the protocol.
+    """An invalid field of a frame or message.
 
-    `field`: the field's name on the wire (`length`, `msg_type`, `comm_type`, `reply_code`, `body`,
-    or a body field such as `sequence` or `joints[3]`). `value`: its invalid value. `rule`: the
-    allowed values.
+    `field`: name of the field (`length`, `msg_type`, `comm_type`, `reply_code`, `body`, or a field
+    of the body such as `sequence` or `joints[3]`). `value`: its invalid value. `rule`: description
+    of the valid values.
     """
 
     def __init__(self, field: str, value: object, rule: str) -> None:
@@ -145,16 +145,16 @@ class SimpleMessageError(ValueError):
 
 
 class FrameError(SimpleMessageError):
-    """An impossible length prefix. The position in the stream is lost."""
+    """An invalid length prefix. The start of the next frame is unknown."""
 
 
 class HeaderError(SimpleMessageError):
-    """The header words contradict REP-I0006. The stream position is still valid."""
+    """Header words that violate REP-I0006. Later frames can still be read."""
 
 
 class BodyError(SimpleMessageError):
-    """The body does not fit the message type. The stream position is still valid."""
+    """A body that does not fit its message type. Later frames can still be read."""
 
 
 class FieldError(SimpleMessageError):
-    """A value cannot be encoded (wrong count, or out of range of the wire type)."""
+    """A value that cannot be encoded: a wrong number of items, or out of the field's range."""

@@ -1,17 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Splits received bytes into frames, for any segmentation.
+"""Splits received bytes into frames, regardless of how the network has split them.
 
-One frame on the wire, every word an int32 in the controller's byte order:
+A frame consists of int32 words in the controller's byte order, and a body:
 
     +--------+----------+-----------+------------+------------------------+
     | length | msg_type | comm_type | reply_code | body (length-12 bytes) |
     +--------+----------+-----------+------------+------------------------+
 
-`length` is the number of bytes after it. Frames have no magic number, version or checksum.
+`length` is the number of bytes that follow it. Frames have no magic number, version or checksum.
 
 The byte order is detected from the first length. A length that is valid in one order is at least
-2**16 in the other, so exactly one order can be correct.
+2**16 in the other order, so at most one order is possible.
 """
 
 import struct
@@ -22,8 +22,8 @@ from epson_driver.simple_message.constants import ByteOrder, CommType, FrameErro
 PREFIX_SIZE = 4
 HEADER_SIZE = 12
 MAX_LENGTH = 0xFFFF
-"""Maximum length of a frame. The longest standard message (JOINT_TRAJ, 200 points, float64) needs
-20,016. A limit below 2**16 makes the detection of the byte order unambiguous."""
+"""Maximum `length`. The longest standard message (JOINT_TRAJ, 200 points, float64) needs 20,016. A
+maximum below 2**16 makes the detection of the byte order unambiguous."""
 
 _PREFIX = {order: struct.Struct(order.value + 'i') for order in ByteOrder}
 _HEADER = {order: struct.Struct(order.value + 'iii') for order in ByteOrder}
@@ -40,15 +40,15 @@ class Frame(NamedTuple):
 
     @property
     def heartbeat(self) -> bool:
-        """Whether it is a heartbeat, which is a PING sent as a topic and has no reply."""
+        """Whether the frame is a heartbeat: a PING sent as a topic, which has no reply."""
         return self.msg_type == MessageType.PING and self.comm_type == CommType.TOPIC
 
 
 class Framer:
-    """Collects bytes and returns complete frames.
+    """Splitter of a stream of bytes into frames.
 
-    `byte_order`: None detects it from the first frame. `max_length` (≤ 65,535) bounds the memory
-    that a peer can occupy to `max_length + 4` bytes plus the most recent chunk.
+    `byte_order`: None detects it from the first frame. `max_length`: maximum `length`, ≤ 65,535.
+    At most `max_length + 4` bytes plus the last received chunk are stored.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
@@ -58,21 +58,18 @@ class Framer:
         self._max_length = max_length
         self._buffer: bytes | bytearray = b''
         self._start = 0
-        """Position in the buffer of the first frame that has not been returned."""
+        """Position of the next frame in the buffer."""
         self._needed = PREFIX_SIZE
-        """Number of bytes, from this position, that the next frame needs."""
+        """Known minimum size of the next frame including its prefix, bytes."""
         self._bad_length: int | None = None
 
     @property
     def unread(self) -> bytes:
-        """Received bytes that were not returned as a frame."""
+        """Received bytes that have not been returned as a frame yet."""
         return bytes(self._buffer[self._start :])
 
     def receive_data(self, data: bytes) -> None:
-        """Append bytes from the stream. They are parsed in `next_frame`.
-
-        After a FrameError bytes are dropped, so the memory stays bounded for any input.
-        """
+        """Append received bytes. After a FrameError they are dropped."""
         if self._bad_length is not None:
             return
         if self._start == len(self._buffer):  # the usual case: only complete frames arrive
@@ -85,10 +82,10 @@ class Framer:
         self._start = 0
 
     def next_frame(self) -> Frame | None:
-        """Return the next complete frame, or None until more bytes are received.
+        """Return the next frame, or None if it is incomplete.
 
-        Raises FrameError for an impossible length, and again at every later call, because the
-        start of the next frame is unknown.
+        Raises FrameError if the length is invalid, and at every later call, because the start of
+        the next frame is unknown.
         """
         if self._bad_length is not None:
             raise self._error(self._bad_length)
@@ -129,7 +126,6 @@ class Framer:
         return self._error(length)
 
     def _error(self, length: int) -> FrameError:
-        # A new object each time: raising one error repeatedly would grow its traceback without
-        # limit.
+        # A new object each time, because an object's traceback grows each time it is raised.
         rule = f'must be {HEADER_SIZE} … {self._max_length}; is the byte order right?'
         return FrameError('length', length, rule)

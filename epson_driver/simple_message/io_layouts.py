@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Layouts of the I/O messages. Bodies consist of int32, and one field is the number of items."""
+"""Layouts of the I/O messages.
+
+A body consists of int32 words: fields, the number of items, and the items.
+"""
 
 import struct
 from collections.abc import Iterator, Sequence
@@ -39,17 +42,22 @@ from epson_driver.simple_message.io_messages import (
 from epson_driver.simple_message.messages import Message
 
 MAX_ITEMS = 1024
-"""Maximum items in one message. The longest reply then has 16,412 bytes and fits the frame."""
+"""Maximum number of items in one message. The longest reply has 16,412 bytes, and a frame may have
+65,535."""
 
 MAX_VALUES = 8192
-"""Maximum values in one IO_STREAM_PUB, in all items. With MAX_ITEMS it fits the longest frame."""
+"""Maximum number of values in one IO_STREAM_PUB. With MAX_ITEMS items it has less than 65,535
+bytes."""
 
 _INT32 = 4
 _COUNT = 'num_items'
 
 
 class ItemsLayout:
-    """Layout of the fields before `items`, the number of items, and the items."""
+    """Layout of a message with items of one fixed size.
+
+    `item_class`: class of the items, whose fields are in wire order.
+    """
 
     def __init__(self, msg_type: int, message_class: type[Message], item_class: type[Any]) -> None:
         self.msg_type = int(msg_type)
@@ -60,7 +68,7 @@ class ItemsLayout:
         self._head = _head(message_class)
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too many items, or if a value is not an int32."""
+        """Return the body. Raises FieldError if it has too many items or a value is no int32."""
         items: Sequence[Any] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         named = [(name, getattr(message, name)) for name in self._head]
@@ -70,7 +78,10 @@ class ItemsLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message. Raises BodyError for a length that does not match its items."""
+        """Return the message, and FLOAT32 because it has no reals.
+
+        Raises BodyError if the length does not match the number of items.
+        """
         words = _unpack(body, byte_order, self.message_class, len(self._head) + 1)
         head = words[: len(self._head)]
         rest = words[len(self._head) + 1 :]
@@ -81,7 +92,7 @@ class ItemsLayout:
             rule = f'the items that follow have {len(rest) * _INT32} bytes, {self._width * _INT32}'
             raise BodyError(_COUNT, count, f'{rule} each')
         starts = range(0, len(rest), self._width)
-        items = tuple(self._item_class(*rest[at : at + self._width]) for at in starts)
+        items = tuple(self._item_class(*rest[start : start + self._width]) for start in starts)
         values: list[object] = [*head, items]
         return self.message_class(*values), Real.FLOAT32
 
@@ -93,7 +104,7 @@ class PublishLayout:
     message_class: type[Message] = IoPublish
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too many values, or if one is not an int32."""
+        """Return the body. Raises FieldError if it has too many values or one is no int32."""
         items: Sequence[IoValues] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         total = sum(len(item.values) for item in items)
@@ -106,28 +117,31 @@ class PublishLayout:
             named.append((f'{name}.io_type', item.io_type))
             named.append((f'{name}.start', item.start))
             named.append((f'{name}.count', len(item.values)))
-            named.extend((f'{name}.values[{at}]', value) for at, value in enumerate(item.values))
+            named.extend((f'{name}.values[{i}]', value) for i, value in enumerate(item.values))
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message. Raises BodyError for counts that do not match the length."""
+        """Return the message, and FLOAT32 because it has no reals.
+
+        Raises BodyError if the length does not match the numbers of items and values.
+        """
         timestamp, count, *rest = _unpack(body, byte_order, IoPublish, 2)
         if not 0 <= count <= MAX_ITEMS:
             raise BodyError(_COUNT, count, f'must be 0 to {MAX_ITEMS}')
         items = []
-        at = 0
+        position = 0
         for number in range(count):
-            if len(rest) - at < 3:
+            if len(rest) - position < 3:
                 raise BodyError(_COUNT, count, f'the body ends in items[{number}]')
-            io_type, start, length = rest[at : at + 3]
-            at += 3
-            if not 0 <= length <= len(rest) - at:
-                rule = f'{len(rest) - at} values follow in the body'
+            io_type, start, length = rest[position : position + 3]
+            position += 3
+            if not 0 <= length <= len(rest) - position:
+                rule = f'{len(rest) - position} values follow in the body'
                 raise BodyError(f'items[{number}].count', length, rule)
-            items.append(IoValues(io_type, start, tuple(rest[at : at + length])))
-            at += length
-        if at != len(rest):
-            rule = f'{(len(rest) - at) * _INT32} bytes follow after the last item'
+            items.append(IoValues(io_type, start, tuple(rest[position : position + length])))
+            position += length
+        if position != len(rest):
+            rule = f'{(len(rest) - position) * _INT32} bytes follow after the last item'
             raise BodyError(_COUNT, count, rule)
         return IoPublish(timestamp, tuple(items)), Real.FLOAT32
 
@@ -164,7 +178,10 @@ def _errors(named: Sequence[tuple[str, int]]) -> Iterator[FieldError]:
 def _unpack(
     body: bytes, order: ByteOrder, message_class: type[Message], least: int
 ) -> tuple[int, ...]:
-    """Return the words of a body. Raises BodyError unless it has at least `least` whole words."""
+    """Return the words of a body.
+
+    Raises BodyError if it has less than `least` words or its length is no multiple of a word.
+    """
     count, rest = divmod(len(body), _INT32)
     if rest or count < least:
         rule = f'{message_class.__name__} has {least * _INT32} bytes, and 4 for each further field'
@@ -180,7 +197,7 @@ IO_ROWS = (
     ItemsLayout(MessageType.IO_STREAM_UNSUB, IoUnsubscribe, IoAddress),
     PublishLayout(),
 )
-"""Layouts of requests and topics."""
+"""Layouts of I/O requests and topics."""
 
 IO_REPLY_ROWS = (
     ItemsLayout(MessageType.IO_INFO, IoInfoReply, IoRange),
@@ -190,3 +207,4 @@ IO_REPLY_ROWS = (
     ItemsLayout(MessageType.IO_STREAM_SUB, IoSubscribeReply, IoOutcome),
     ItemsLayout(MessageType.IO_STREAM_UNSUB, IoUnsubscribeReply, IoOutcome),
 )
+"""Layouts of I/O replies."""

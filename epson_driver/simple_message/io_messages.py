@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The I/O messages (port 11003) as values: the draft "Generic Robot IO" in its deployed form.
+"""The I/O messages of the draft "Generic Robot IO", used on port 11003.
 
-docs/io.md specifies the bytes. Every field is an int32. A list of items is sent as its length and
-the items. A request and its reply have separate classes, because their bodies differ. `message_id`
-is chosen by the client and copied into the reply. `timestamp` is the controller's clock in ms.
+docs/io.md specifies the bytes. A request and its reply have separate classes, because their bodies
+differ. `message_id` is chosen by the client and copied into the reply. `timestamp` is the
+controller's clock in ms.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from epson_driver.simple_message.messages import Message
 
 
 class IoType(IntEnum):
-    """Type of a point: the first part of its address, followed by the index, from 0."""
+    """Type of an I/O point. A point's address is its type and its index, counted from 0."""
 
     DIGITAL_INPUT = 1
     DIGITAL_OUTPUT = 2
@@ -26,7 +26,7 @@ class IoType(IntEnum):
 
 
 class IoResult(IntEnum):
-    """Result of one item. TOO_MUCH is specific to this package, from the draft's free range."""
+    """Result of one item of a request. TOO_MUCH is defined by this package, not by the draft."""
 
     SUCCESS = 1
     TYPE_UNSUPPORTED = 1001
@@ -39,25 +39,25 @@ class IoResult(IntEnum):
 
 
 class ControllerFeature(IntFlag):
-    """Bits of `IoInfoReply.features`."""
+    """Bits of `IoInfoReply.features`: functions of the controller."""
 
     TIMESTAMPS = 1
 
 
 class IoFeature(IntFlag):
-    """Bits of `IoRange.features`."""
+    """Bits of `IoRange.features`: functions of a range of points."""
 
     RESET = 1
     STREAMING = 2
 
 
 ALL = -1
-"""As the index of an `IoReset` item: the whole type. As type and index: every output and flag."""
+"""Index of all points of a type in an `IoReset` item. As type and index: all outputs and flags."""
 
 
 @dataclass(frozen=True, slots=True)
 class IoAddress:
-    """One point, or the start of a subscribed range."""
+    """The address of a point, or of the first point of a range."""
 
     io_type: int
     index: int
@@ -65,7 +65,7 @@ class IoAddress:
 
 @dataclass(frozen=True, slots=True)
 class IoSpan:
-    """`count` points of one type, starting at `start`."""
+    """A range of `count` points of one type, from the index `start`."""
 
     io_type: int
     start: int
@@ -74,7 +74,7 @@ class IoSpan:
 
 @dataclass(frozen=True, slots=True)
 class IoRange:
-    """A range of points of the controller, and its operations (`IoFeature` bits)."""
+    """A range of points that the controller has. `features` are `IoFeature` bits."""
 
     io_type: int
     start: int
@@ -84,7 +84,7 @@ class IoRange:
 
 @dataclass(frozen=True, slots=True)
 class IoSetting:
-    """A point and its requested value."""
+    """A point and its new value."""
 
     io_type: int
     index: int
@@ -93,7 +93,7 @@ class IoSetting:
 
 @dataclass(frozen=True, slots=True)
 class IoOutcome:
-    """A point (or the start of a range) and the `IoResult` of its request."""
+    """A point, or the first point of a range, and the `IoResult` of its request."""
 
     io_type: int
     index: int
@@ -102,7 +102,7 @@ class IoOutcome:
 
 @dataclass(frozen=True, slots=True)
 class IoReading:
-    """A point, the `IoResult` of reading it, and its value (0 if it could not be read)."""
+    """A point, the `IoResult` of reading it, and its value. The value is 0 after a failure."""
 
     io_type: int
     index: int
@@ -121,14 +121,14 @@ class IoValues:
 
 @dataclass(frozen=True, slots=True)
 class IoInfo(Message):
-    """IO_INFO (65200), the request for the list of existing points."""
+    """IO_INFO (65200), the request for the ranges of points that the controller has."""
 
     message_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class IoInfoReply(Message):
-    """IO_INFO, the reply. `features` are `ControllerFeature` bits."""
+    """The reply to IO_INFO. `features` are `ControllerFeature` bits."""
 
     message_id: int = 0
     features: int = 0
@@ -137,7 +137,7 @@ class IoInfoReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoRead(Message):
-    """IO_READ (65201), the request."""
+    """IO_READ (65201), the request to read points."""
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()
@@ -145,7 +145,7 @@ class IoRead(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoReadReply(Message):
-    """IO_READ, the reply: one reading per item of the request, in the same order."""
+    """The reply to IO_READ, with one reading per item of the request, in the same order."""
 
     message_id: int = 0
     timestamp: int = 0
@@ -154,7 +154,7 @@ class IoReadReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoWrite(Message):
-    """IO_WRITE (65202), the request."""
+    """IO_WRITE (65202), the request to set outputs and flags."""
 
     message_id: int = 0
     items: tuple[IoSetting, ...] = ()
@@ -162,7 +162,7 @@ class IoWrite(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoWriteReply(Message):
-    """IO_WRITE, the reply: one outcome per item of the request, in the same order."""
+    """The reply to IO_WRITE, with one outcome per item of the request, in the same order."""
 
     message_id: int = 0
     timestamp: int = 0
@@ -171,7 +171,7 @@ class IoWriteReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoReset(Message):
-    """IO_RESET (65203), the request to set safe values. `ALL` may be an index or a type."""
+    """IO_RESET (65203), the request to set points to their safe values (see `ALL`)."""
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()
@@ -179,7 +179,7 @@ class IoReset(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoResetReply(Message):
-    """IO_RESET, the reply."""
+    """The reply to IO_RESET."""
 
     message_id: int = 0
     items: tuple[IoOutcome, ...] = ()
@@ -187,7 +187,7 @@ class IoResetReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoSubscribe(Message):
-    """IO_STREAM_SUB (65204), the request: publish these ranges."""
+    """IO_STREAM_SUB (65204), the request to publish ranges of points."""
 
     message_id: int = 0
     items: tuple[IoSpan, ...] = ()
@@ -195,7 +195,7 @@ class IoSubscribe(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoSubscribeReply(Message):
-    """IO_STREAM_SUB, the reply."""
+    """The reply to IO_STREAM_SUB."""
 
     message_id: int = 0
     items: tuple[IoOutcome, ...] = ()
@@ -203,7 +203,7 @@ class IoSubscribeReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoUnsubscribe(Message):
-    """IO_STREAM_UNSUB (65205), the request to stop publishing the ranges with these starts."""
+    """IO_STREAM_UNSUB (65205), the request to stop publishing ranges, by their first points."""
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()
@@ -211,7 +211,7 @@ class IoUnsubscribe(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoUnsubscribeReply(Message):
-    """IO_STREAM_UNSUB, the reply."""
+    """The reply to IO_STREAM_UNSUB."""
 
     message_id: int = 0
     items: tuple[IoOutcome, ...] = ()
@@ -219,7 +219,7 @@ class IoUnsubscribeReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoPublish(Message):
-    """IO_STREAM_PUB (65206), a topic with the values of all ranges the client has subscribed."""
+    """IO_STREAM_PUB (65206), a topic with the values of all subscribed ranges."""
 
     timestamp: int = 0
     items: tuple[IoValues, ...] = ()

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The table from message type to body layout. A vendor's message needs a class and a row here.
+"""The layouts of message bodies, by message type. A vendor's message needs a class and a row here.
 
-A row lists the class's fields in wire order with their width: `i` int32, `r` real, `10r` ten
-reals, `0|10i` either none or ten ints (the length of the body decides).
+A row lists the fields of the class in wire order with their width: `i` is an int32, `r` a real,
+`10r` ten reals, and `0|10i` either none or ten int32, depending on the length of the body.
 
-A type whose replies have a different body has a second row, with a separate class, in REPLY_ROWS.
+A type whose reply has a different body has a second class and a row in IO_REPLY_ROWS.
 """
 
 import struct
@@ -62,19 +62,21 @@ class Layout(Protocol):
     message_class: type[Message]
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if a value does not fit the wire."""
+        """Return the body. Raises FieldError if a value does not fit its field."""
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the real width implied by its length (FLOAT32 if it has none).
+        """Return the message and the width of its reals, FLOAT32 if it has none.
 
-        Raises BodyError for a length that the type does not have.
+        The width follows from the length of the body. Raises BodyError if no message of this type
+        has this length.
         """
 
 
 class BodyReader:
-    """Reads bodies of one class, form and dialect directly from a buffer.
+    """Decoder of bodies of one message class, size and dialect.
 
-    `make`: the result of `_writable` for the class.
+    `make`: the result of `_writable` for the class. `body`: format of the body. `places`: index or
+    slice of each field in the values of the body.
     """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
@@ -94,7 +96,7 @@ class BodyReader:
         self._fields_of = _fields_of(tuple(places))
 
     def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
-        """Return the message whose complete body is at `start`."""
+        """Return the message whose body starts at `start` in a buffer."""
         values = self._unpack_from(buffer, start)
         if self._fields_of is not None:
             values = self._fields_of(values)
@@ -104,24 +106,22 @@ class BodyReader:
 
 
 def _writable(message_class: type[Message]) -> Callable[..., Message]:
-    """Return a subclass whose instances are writable until their class is set to the original.
+    """Return a subclass of a frozen dataclass whose instances are writable.
 
-    The `__init__` of a frozen class bypasses its `__setattr__` for each field, which takes four
-    times as long as plain assignment. This subclass only removes the frozen behavior.
+    Creating an instance of the subclass and setting its `__class__` to the original is several
+    times faster than creating an instance of the frozen class.
     """
     names = [field.name for field in fields(message_class)]  # type: ignore[arg-type]
     assign = '; '.join(f'self.{name} = {name}' for name in names)
-    own: dict[str, Any] = {'__slots__': ()}
-    exec(f'def __init__(self, {", ".join(names)}): {assign}', {}, own)  # noqa: S102 - our own fields
-    for name in ('__setattr__', '__delattr__'):
-        own[name] = getattr(object, name)
-    return type(message_class.__name__, (message_class,), own)
+    namespace: dict[str, Any] = {'__slots__': (), '__setattr__': object.__setattr__}
+    exec(f'def __init__(self, {", ".join(names)}): {assign}', {}, namespace)  # noqa: S102 - own fields
+    return type(message_class.__name__, (message_class,), namespace)
 
 
 def _fields_of(
     places: tuple[int | slice, ...],
 ) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a converter from a body's values to fields, or None if they are the same."""
+    """Return a function that groups a body's values into fields, or None if each is one value."""
     if all(isinstance(place, int) for place in places):
         return None
     if len(places) == 1:
@@ -130,15 +130,17 @@ def _fields_of(
 
 
 class _Form:
-    """One possible shape of a body: its field counts, and compiled structs by dialect number.
+    """One of the forms that a body may have.
 
-    codes: `struct` code per field, `r` for a real. scalar: whether a field is one value.
+    counts: number of values of each field. codes: `struct` code of each field, or `r` for a real.
+    scalar: whether a field is a single value instead of a tuple.
     """
 
     def __init__(
         self, counts: tuple[int, ...], codes: tuple[str, ...], scalar: tuple[bool, ...]
     ) -> None:
         self.counts = counts
+        """Number of values of each field."""
         self.bodies = [
             struct.Struct(
                 dialect.byte_order.value
@@ -151,17 +153,17 @@ class _Form:
         ]
         frames = [struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies]
         self.frames = [(frame.pack, frame.size - PREFIX_SIZE) for frame in frames]
-        """Packer of a frame including its header, and the value of the length prefix."""
+        """By dialect number: the packer of a whole frame, and the value of its length prefix."""
         self.places: list[int | slice] = []
         """Index or slice of each field in the values of a body."""
-        at = 0
+        start = 0
         for count, one in zip(counts, scalar, strict=True):
-            self.places.append(at if one else slice(at, at + count))
-            at += count
+            self.places.append(start if one else slice(start, start + count))
+            start += count
 
 
 class FixedLayout:
-    """A body of fixed fields. Some may be omitted entirely."""
+    """Layout of a body without lists of items. `spec`: its row, as described above."""
 
     def __init__(self, msg_type: int, message_class: type[Message], spec: str) -> None:
         self.msg_type = msg_type
@@ -183,7 +185,7 @@ class FixedLayout:
         }
         only = len(self._forms) == 1 and len(self._several) <= 1
         self._only_form = self._forms[0] if only else None
-        """The form if it is unique. A wrong count is then a wrong number of values."""
+        """The form, if the total number of values determines whether a message fits it."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):
@@ -192,15 +194,15 @@ class FixedLayout:
             self._readers.setdefault((body.size, dialect.byte_order), reader)
 
     def size(self, dialect: Dialect) -> int:
-        """Return the size of the body's first form in bytes."""
+        """Return the size of the first form of the body, bytes."""
         return self._forms[0].bodies[dialect.number].size
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if a value does not fit the wire."""
+        """Return the body. Raises FieldError if a value does not fit its field."""
         return self.frame(message, 0, 0, dialect)[PREFIX_SIZE + HEADER_SIZE :]
 
     def frame(self, message: Message, comm_type: int, reply_code: int, dialect: Dialect) -> bytes:
-        """Return header and body. Raises FieldError if a value does not fit the wire."""
+        """Return the whole frame. Raises FieldError if a value does not fit its field."""
         form = self._only_form or self._form_of_counts.get(self._counts(message))
         if form is None:
             raise self._count_error(message)
@@ -211,9 +213,9 @@ class FixedLayout:
             raise self._error(message, dialect) from cause
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return a reader of bodies of `size` bytes, with the real width implied by the size.
+        """Return the reader of bodies of `size` bytes.
 
-        Raises BodyError for a size that the type does not have.
+        Raises BodyError if no message of this type has this size.
         """
         result = self._readers.get((size, byte_order))
         if result is None:
@@ -226,7 +228,10 @@ class FixedLayout:
         return result
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the real width implied by its length. Raises BodyError."""
+        """Return the message and the width of its reals.
+
+        Raises BodyError if no message of this type has this length.
+        """
         reader = self.reader(len(body), byte_order)
         return reader.read(body), reader.dialect.real
 
@@ -261,9 +266,9 @@ class FixedLayout:
 
 
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
-    """Return a packer of a header's words and a message's fields: frame(pack, *words, message).
+    """Return a function (pack, *header words, message) that passes all their values to `pack`.
 
-    It is compiled from source, like the methods of a dataclass. Collecting the fields in one flat
+    It is compiled from source, like the methods of a dataclass. Collecting the fields in a flat
     tuple would take as long as packing them.
     """
     words = 'length, msg_type, comm_type, reply_code'
@@ -276,22 +281,26 @@ def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[
 
 
 class PingLayout(FixedLayout):
-    """PING. Its body may have any number of words and has no meaning.
+    """Layout of PING, whose body may have any number of words and is meaningless.
 
-    A program that reuses a message object of the C++ library sends the object's previous content.
+    A program that reuses a message object of the C++ library sends the object's previous body.
     """
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return a reader that ignores a body of unspecified size. Raises BodyError."""
+        """Return the reader of ten words, or a reader that ignores a body of any other size.
+
+        Raises BodyError if the size is no multiple of a word.
+        """
         known = size % 4 or size == 40
         return super().reader(size if known else 0, byte_order)
 
 
 class TrajectoryLayout:
-    """JOINT_TRAJ, for which two forms are specified.
+    """Layout of JOINT_TRAJ, which has two forms.
 
-    The C++ library writes the points, then their number. REP-I0006 has the number, then always ten
-    points. Both are read. The library's form is written, because implementations of it exist.
+    ROS-Industrial's C++ library writes the points, then their number. REP-I0006 specifies the
+    number, then always ten points. Both forms are decoded. The library's form is encoded, because
+    existing programs use it.
     """
 
     msg_type = int(MessageType.JOINT_TRAJ)
@@ -301,7 +310,7 @@ class TrajectoryLayout:
         self._point = point
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too many points or a value that does not fit."""
+        """Return the body. Raises FieldError if it has too many points or a value does not fit."""
         points = message.points  # type: ignore[attr-defined]
         if len(points) > MAX_TRAJECTORY_POINTS:
             raise FieldError('points', len(points), f'at most {MAX_TRAJECTORY_POINTS}')
@@ -315,17 +324,20 @@ class TrajectoryLayout:
         return bytes(body) + struct.pack(dialect.byte_order.value + 'i', len(points))
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and its real width. Raises BodyError."""
+        """Return the message and the width of its reals.
+
+        Raises BodyError if the length fits neither form, or the number of points is wrong.
+        """
         int32 = struct.Struct(byte_order.value + 'i')
         for real in Real:
             size = self._point.size(Dialect(byte_order, real))
-            held, rest = divmod(len(body), size)
-            if rest != int32.size or held > MAX_TRAJECTORY_POINTS:
+            points, rest = divmod(len(body), size)
+            if rest != int32.size or points > MAX_TRAJECTORY_POINTS:
                 continue
-            if int32.unpack_from(body, held * size)[0] == held:
-                return self._points(body[: held * size], size, byte_order), real
+            if int32.unpack_from(body, points * size)[0] == points:
+                return self._points(body[: points * size], size, byte_order), real
             count = int32.unpack_from(body)[0]
-            if held == 10 and 0 <= count <= held:
+            if points == 10 and 0 <= count <= points:
                 start = int32.size
                 return self._points(body[start : start + count * size], size, byte_order), real
         raise BodyError(
@@ -384,10 +396,8 @@ ROWS: tuple[Layout, ...] = (
     *IO_ROWS,
 )
 
-REPLY_ROWS: tuple[Layout, ...] = IO_REPLY_ROWS
-
 LAYOUT_OF_TYPE: dict[int, Layout] = {row.msg_type: row for row in ROWS}
-LAYOUT_OF_REPLY: dict[int, Layout] = {row.msg_type: row for row in REPLY_ROWS}
+LAYOUT_OF_REPLY: dict[int, Layout] = {row.msg_type: row for row in IO_REPLY_ROWS}
 LAYOUT_OF_CLASS: dict[type[Message], Layout] = {
-    row.message_class: row for row in (*ROWS, *REPLY_ROWS)
+    row.message_class: row for row in (*ROWS, *IO_REPLY_ROWS)
 }

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The message bodies as values. Joint data is in rad (or m), always ten numbers, time in s.
+"""Classes of the message bodies, with the fields in wire order. `layouts.py` defines their widths.
 
-A class lists its fields in wire order. `layouts.py` defines their widths.
+Positions are in rad, or m for prismatic joints, and times in s. Joint data always has ten values.
 """
 
 from collections.abc import Sequence
@@ -14,35 +14,38 @@ ZEROS: tuple[float, ...] = (0.0,) * MAX_JOINTS
 
 
 def joint_data(values: Sequence[float]) -> tuple[float, ...]:
-    """Pad joint values with 0.0 to the ten values of a message."""
+    """Return joint values padded with 0.0 to ten values.
+
+    Raises ValueError if there are more than ten.
+    """
     if len(values) > MAX_JOINTS:
         raise ValueError(f'{len(values)} joints: a message carries at most {MAX_JOINTS}')
     return tuple(values) + ZEROS[len(values) :]
 
 
 class Message:
-    """Base of every message body, for types only. A vendor's message is another subclass."""
+    """Base class of all message bodies."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Ping(Message):
-    """PING (1). The C++ library sends no body, REP-I0006 ten zeros. Both are a `Ping`."""
+    """PING (1). ROS-Industrial's C++ library sends no body. REP-I0006 specifies ten zeros."""
 
     padding: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class GetVersion(Message):
-    """GET_VERSION (2): an empty request, and a reply with (major, minor, patch)."""
+    """GET_VERSION (2). `version` is empty in a request, and (major, minor, patch) in a reply."""
 
     version: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class JointPosition(Message):
-    """JOINT_POSITION (10): the joint positions, and the usual body of a reply."""
+    """JOINT_POSITION (10): joint positions in a topic, or the reply to a point."""
 
     sequence: int = 0
     joints: tuple[float, ...] = ZEROS
@@ -71,7 +74,7 @@ class JointTraj(Message):
 
 @dataclass(frozen=True, slots=True)
 class Status(Message):
-    """STATUS (13). The tri-state fields hold `TriState` numbers, `mode` a `Mode` number."""
+    """STATUS (13). `mode` is a `Mode`, `error_code` any number. Other fields are a `TriState`."""
 
     drives_powered: int = TriState.UNKNOWN
     e_stopped: int = TriState.UNKNOWN
@@ -84,7 +87,10 @@ class Status(Message):
 
 @dataclass(frozen=True, slots=True)
 class JointTrajPtFull(Message):
-    """JOINT_TRAJ_PT_FULL (14). `valid_fields` are `ValidFields` bits, `time` is from the start."""
+    """JOINT_TRAJ_PT_FULL (14): one point of a trajectory with velocities and accelerations.
+
+    `valid_fields` are `ValidFields` bits. `time` is the time from the start of the trajectory, s.
+    """
 
     robot_id: int
     sequence: int
@@ -97,7 +103,7 @@ class JointTrajPtFull(Message):
 
 @dataclass(frozen=True, slots=True)
 class JointFeedback(Message):
-    """JOINT_FEEDBACK (15): measured values like JOINT_TRAJ_PT_FULL, without a sequence."""
+    """JOINT_FEEDBACK (15): measured values. `valid_fields` are `ValidFields` bits."""
 
     robot_id: int
     valid_fields: int
@@ -111,7 +117,7 @@ class JointFeedback(Message):
 class MotionCtrl(Message):
     """MOTION_CTRL (2001), Motoman: a command to the controller (`motoman.Command`).
 
-    `sequence`: number chosen by the client and returned in the reply. `data` is reserved.
+    `sequence` is chosen by the client and repeated in the reply. `data` is reserved.
     """
 
     robot_id: int
@@ -124,8 +130,8 @@ class MotionCtrl(Message):
 class MotionReply(Message):
     """MOTION_REPLY (2002), Motoman: the reply to MOTION_CTRL and JOINT_TRAJ_PT_FULL.
 
-    `command`: the answered command, or the message type of a point. `result`: a `motoman.Result`.
-    `subcode`: its details. `data` is reserved.
+    `command` repeats the command, or is the message type of the point. `result` is a
+    `motoman.Result`, and `subcode` its details. `data` is reserved.
     """
 
     robot_id: int
@@ -138,7 +144,7 @@ class MotionReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class Opaque(Message):
-    """Any other message, or a reply whose body does not match its type, as unmodified bytes."""
+    """A message of unknown type, or a reply whose body does not fit its type, as raw bytes."""
 
     msg_type: int
     body: bytes = b''

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motoman's messages of MotoROS 1.9: motion (MOTION_CTRL, MOTION_REPLY) and I/O."""
+"""Motoman's protocol, as in MotoROS 1.9: values of its motion messages, and its I/O messages."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -23,7 +23,7 @@ class Command(IntEnum):
 
 
 class Result(IntEnum):
-    """Values of `MotionReply.result`. SUCCESS also means true, FAILURE false."""
+    """Values of `MotionReply.result`. In the reply to a query, SUCCESS is true, FAILURE false."""
 
     SUCCESS = 0
     BUSY = 1
@@ -35,7 +35,7 @@ class Result(IntEnum):
 
 
 class Invalid(IntEnum):
-    """Values of `MotionReply.subcode` for the result INVALID: the invalid part."""
+    """Values of `MotionReply.subcode` after INVALID: the invalid part of the request."""
 
     UNSPECIFIED = 3000
     MSGSIZE = 3001
@@ -55,9 +55,9 @@ class Invalid(IntEnum):
 
 
 class NotReady(IntEnum):
-    """Values of `MotionReply.subcode` for the result NOT_READY: the missing condition.
+    """Values of `MotionReply.subcode` after NOT_READY: the condition that prevents motion.
 
-    CHECK_MOTION_READY also returns them with the result FAILURE.
+    The reply to CHECK_MOTION_READY also has one of them after FAILURE.
     """
 
     UNSPECIFIED = 5000
@@ -76,14 +76,16 @@ class NotReady(IntEnum):
 
 
 GROUP_BITS = 8
+"""Number of bits in an I/O group."""
 
 GENERAL_INPUTS = 1
+"""Number of the first input group."""
 GENERAL_OUTPUTS = 1001
-"""First group of the inputs and of the outputs."""
+"""Number of the first output group."""
 
 
 class MotomanIoResult(IntEnum):
-    """Values of `result` in the replies."""
+    """Values of `result` in the replies to READ_IO_… and WRITE_IO_…."""
 
     OK = 0
     READ_ADDRESS_INVALID = 1001
@@ -94,14 +96,14 @@ class MotomanIoResult(IntEnum):
 
 
 def bit_address(first_group: int, index: int) -> int:
-    """Return the address of a bit, with index 0 for the first bit of a group."""
+    """Return the address of an I/O bit. `index`: counted from the first bit of `first_group`."""
     group, bit = divmod(index, GROUP_BITS)
     return (first_group + group) * 10 + bit
 
 
 @dataclass(frozen=True, slots=True)
 class ReadIoBit(Message):
-    """READ_IO_BIT (2003)."""
+    """READ_IO_BIT (2003). `address` as from `bit_address`."""
 
     address: int
 
@@ -131,7 +133,7 @@ class WriteIoBitReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadIoGroup(Message):
-    """READ_IO_GROUP (2007): eight bits. The address is a bit address without its last digit."""
+    """READ_IO_GROUP (2007), the request to read eight bits. `address` is the group's number."""
 
     address: int
 
@@ -161,7 +163,7 @@ class WriteIoGroupReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoCtrlReply(Message):
-    """IOCTRL_REPLY (2011): the reply to an unknown message.
+    """IOCTRL_REPLY (2011): the reply to an unknown I/O message.
 
     `result` is a `motoman.Result`, `subcode` a `motoman.Invalid`.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages with their header: converts packets to bytes, and frames to packets."""
+"""Packets, which are messages with a header. Converts packets to bytes, and frames to packets."""
 
 import struct
 from typing import NamedTuple
@@ -34,7 +34,7 @@ from epson_driver.simple_message.messages import Message, Opaque
 
 
 class Packet(NamedTuple):
-    """A message with its header fields. `dialect`: number format of a received packet."""
+    """A message with its header fields. A received packet also has the dialect of its bytes."""
 
     message: Message
     comm_type: CommType
@@ -43,14 +43,14 @@ class Packet(NamedTuple):
 
     @property
     def msg_type(self) -> int:
-        """The message id of REP-I0004."""
+        """Message id (REP-I0004)."""
         if isinstance(self.message, Opaque):
             return self.message.msg_type
         return LAYOUT_OF_CLASS[type(self.message)].msg_type
 
 
 def topic(message: Message) -> Packet:
-    """Return a packet that expects no reply."""
+    """Return a packet that needs no reply."""
     return Packet(message, CommType.TOPIC)
 
 
@@ -65,9 +65,9 @@ def reply(message: Message, code: ReplyCode) -> Packet:
 
 
 def encode(packet: Packet, dialect: Dialect) -> bytes:
-    """Return the complete frame in the given dialect, including the length prefix.
+    """Return the bytes of a packet, including the length prefix.
 
-    Raises FieldError if a value does not fit the wire.
+    Raises FieldError if a value does not fit its field.
     """
     message = packet.message
     layout = LAYOUT_OF_CLASS.get(type(message))
@@ -88,7 +88,7 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
 
 
 def _opaque_body(message: Opaque) -> bytes:
-    """Return the body's bytes. Raises FieldError for a type or length that no frame can have."""
+    """Return the body's bytes. Raises FieldError if no frame can have its type or length."""
     if not -(2**31) <= message.msg_type < 2**31:
         raise FieldError('msg_type', message.msg_type, 'must be an int32')
     if HEADER_SIZE + len(message.body) > MAX_LENGTH:
@@ -98,7 +98,7 @@ def _opaque_body(message: Opaque) -> bytes:
 
 
 def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
-    """Check the header rules of REP-I0006. Raises HeaderError with the field."""
+    """Return the checked fields of a header. Raises HeaderError if one violates REP-I0006."""
     if frame.msg_type <= 0:
         raise HeaderError('msg_type', frame.msg_type, 'must be positive (0 is reserved)')
     if frame.comm_type not in (CommType.TOPIC, CommType.SERVICE_REQUEST, CommType.SERVICE_REPLY):
@@ -119,9 +119,9 @@ def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
 def decode(frame: Frame) -> Packet:
     """Return the packet of a frame.
 
-    A message type without a layout becomes `Opaque`. The same applies to the body of a reply that
-    does not match its type: replies without a body are common, and REP-I0006 leaves the body of a
-    FAILURE undefined. In topics and requests an invalid body is a BodyError.
+    A message of unknown type is returned as `Opaque`. So is a reply whose body does not fit its
+    type, because many replies have no body, and REP-I0006 does not define the body of a FAILURE.
+    Raises HeaderError if the header is invalid, or BodyError if the body of a topic or request is.
     """
     comm_type, reply_code = check_header(frame)
     layout = LAYOUT_OF_TYPE.get(frame.msg_type)
@@ -139,26 +139,26 @@ def decode(frame: Frame) -> Packet:
 
 
 _Header = tuple[int, CommType, ReplyCode, BodyReader]
-"""Contents of a valid header: the frame's size including the prefix, and the decoded fields."""
+"""Contents of a valid header. The first item is the frame's size including the prefix, bytes."""
 
 
 class PacketFramer(Framer):
     """A framer that returns packets.
 
-    A controller sends few different headers repeatedly. Each is decoded on its first arrival.
-    Later frames with the same header bytes reuse the result.
+    A controller sends few different headers. Each is decoded once, and the result is reused for
+    later frames with the same header bytes.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
         super().__init__(byte_order, max_length)
         self._headers: dict[tuple[bytes], _Header] = {}
-        """Decoded headers by their bytes: several for each layout, only valid ones."""
+        """Decoded headers by their bytes. Only valid headers of fixed layouts are stored."""
 
     def next_packet(self) -> Packet | None:
-        """Return the packet of the next complete frame, or None until more bytes are received.
+        """Return the packet of the next frame, or None if the frame is incomplete.
 
-        Raises FrameError as `next_frame`. For a frame that is not a valid packet it raises the
-        errors of `decode`, and the next call returns the packet after it.
+        Raises FrameError like `next_frame`, or the errors of `decode` if the packet is invalid.
+        After the latter, the next call continues with the following frame.
         """
         buffer, start = self._buffer, self._start
         received = len(buffer) - start
@@ -198,4 +198,4 @@ _NEW = tuple.__new__
 _REQUEST = (CommType.SERVICE_REQUEST, ReplyCode.INVALID, LITTLE_ENDIAN)
 _WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE
 _HEADER_BYTES = struct.Struct(f'{_WHOLE_HEADER}s').unpack_from
-"""Faster than a slice and the conversion of a bytearray slice to `bytes`."""
+"""Function that returns the bytes of a header. It is faster than slicing the buffer."""
