@@ -208,7 +208,7 @@ def _jumps(motion: Any) -> list[float]:
         return []
     if isinstance(motion, JointMoves):
         return [
-            part.begin + time
+            part.start + time
             for part in motion._parts  # noqa: SLF001
             for time in [*_jumps(part.move), 0.0, part.move.duration]
         ]
@@ -235,6 +235,6 @@ def _passages(motion: CurveMotion) -> list[float]:
         piece = np.clip(pieces.times.searchsorted(middle, side='right') - 1, 0, 6)
         t = middle - pieces.times[piece]
         v, a, j = pieces.velocities[piece], pieces.accelerations[piece], pieces.jerks[piece]
-        before = pieces.ways[piece] + t * (v + t * (a / 2.0 + t * j / 6.0)) < shares
+        before = pieces.distances[piece] + t * (v + t * (a / 2.0 + t * j / 6.0)) < shares
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     return [*pieces.times.tolist(), *high.tolist()]

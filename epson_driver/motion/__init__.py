@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint limits, trajectories and motions. Pure: numpy and ruckig, no clock, no I/O, no ROS."""
+"""Joint limits, trajectories and joint motions, without clock, I/O or ROS."""
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import LineMotion, go

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a sampled motion: passages of waypoints, stops, usage of the limits."""
+"""Measurements of a sampled motion: distances from waypoints, stops, and usage of the limits."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -14,36 +14,37 @@ from epson_driver.motion.smoother.waypoints import MIN_DWELL_S
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_COMPARED_PAIRS = 25_000_000
-"""Maximum pairs of a waypoint and a sample compared together: 4 bytes each."""
+"""Maximum number of pairs of a waypoint and a sample compared together. Each takes 4 bytes."""
 
 Indices = npt.NDArray[np.intp]
 
 
 def closest_sample_indices(waypoints: Array, positions: Array) -> Indices:
-    """Return the sample that is nearest to each waypoint: (n, m) and (k, m) to (n,).
+    """Return the index of the sample at which a motion passes each waypoint, shape (n,).
 
-    The passages are in the waypoints' order and together the nearest possible (dynamic
-    programming over waypoints and samples), so that a path may cross itself.
+    waypoints: shape (n, m). positions: the samples, shape (k, m). The indices do not decrease, and
+    have the smallest sum of distances (dynamic programming). So a path may cross itself.
     """
     samples = np.arange(len(positions))
-    came_from = np.empty((len(waypoints), len(samples)), dtype=np.int32)
+    predecessor = np.empty((len(waypoints), len(samples)), dtype=np.int32)
     cost = np.zeros(len(samples))
     for index, waypoint in enumerate(waypoints):
         lowest = np.minimum.accumulate(cost)
-        came_from[index] = np.maximum.accumulate(np.where(cost <= lowest, samples, 0))
+        predecessor[index] = np.maximum.accumulate(np.where(cost <= lowest, samples, 0))
         cost = lowest + np.abs(positions - waypoint).max(axis=1)
     passed = [int(np.argmin(cost))]
     for index in range(len(waypoints) - 1, 0, -1):
-        passed.append(int(came_from[index, passed[-1]]))
+        passed.append(int(predecessor[index, passed[-1]]))
     passed.reverse()
     return np.array(passed)
 
 
 def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
-    """Return a motion's distance from each waypoint, rad, and its time, s, shapes (n,).
+    """Return the smallest distance of a motion from each waypoint, rad, and its time, s.
 
-    Between two samples the motion is the cubic with their positions and velocities. Raises
-    ValueError for a motion without velocities.
+    Both have shape (n,). The distance is the largest one of a joint. Between two samples the
+    motion is the cubic with their positions and velocities. Raises ValueError if the motion has no
+    velocities.
     """
     if motion.velocities is None:
         raise ValueError('the motion has no velocities')
@@ -60,7 +61,7 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
-    """Return passages. For long motions, search every n-th sample first, then refine."""
+    """Return the closest sample indices. In a long motion, search some samples, then refine."""
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
     result = closest_sample_indices(waypoints, positions[::stride]) * stride
     if stride == 1:
@@ -75,11 +76,14 @@ def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
 def _nearest(
     waypoint: Array, motion: Trajectory, velocities: Array, first: int
 ) -> tuple[float, float]:
-    """Return the smallest distance to a waypoint between two adjacent samples, and its time."""
+    """Return the smallest distance to a waypoint after sample `first`, and its time, s.
+
+    The search ends at the next sample.
+    """
     dt = float(motion.times[first + 1] - motion.times[first])
     start, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
     low, high = 0.0, 1.0
-    for _ in range(3):  # each time between the neighbours of the best of 41 places
+    for _ in range(3):  # refine between the neighbours of the best of 41 positions
         s = np.linspace(low, high, 41)
         distances = np.abs(cubic(s[:, None], dt, start, end)).max(axis=1)
         best = int(np.argmin(distances))
@@ -88,25 +92,28 @@ def _nearest(
 
 
 REST_VELOCITY_SHARE = 1e-3
-"""Share of its velocity limit below which a joint is at rest."""
+"""Fraction of its velocity limit below which a joint is at rest."""
 
 TURNING_ACCELERATION_SHARE = 0.05
-"""Share of its acceleration limit above which a joint without speed reverses and does not stop."""
+"""Fraction of its acceleration limit from which a joint without speed reverses instead of
+stopping."""
 
 RESTING_COMMAND_SHARE = 2e-3
-"""Share of the velocity limit up to which a command counts as no motion."""
+"""Fraction of the velocity limit up to which a commanded speed counts as rest."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of a motion: s, and velocity … jerk as the largest multiple of a joint's limit.
+    """Measurements of a motion.
 
-    stops: stops between start and end, without the commanded ones. jerk: from the change of the
-    acceleration between two samples.
+    `velocity`, `acceleration` and `jerk` are the maximum usage of a joint's limit, 1 for the full
+    limit. The jerk is that between two samples.
     """
 
     duration: float
+    """Time from the first to the last sample, s."""
     stops: int
+    """Stops between start and end that were not commanded."""
     commanded_stops: int
     velocity: float
     acceleration: float
@@ -114,10 +121,10 @@ class Figures:
 
 
 def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits) -> Figures:
-    """Return the figures of a motion with velocities and accelerations, equally spaced.
+    """Return the measurements of a motion with equally spaced samples.
 
-    `command`: the plan, which may command rests between start and end, or None to ignore its
-    times. Raises ValueError if the motion has no velocities or accelerations.
+    `command`: the plan, which may command rests between start and end, or None if there is none.
+    Raises ValueError if the motion has no velocities or accelerations.
     """
     if motion.velocities is None or motion.accelerations is None:
         raise ValueError('the motion has no velocities or no accelerations')
@@ -137,26 +144,29 @@ def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits)
 
 
 def _stops(speed: Array, push: Array) -> int:
-    """Return the number of stops of at least two samples between start and end."""
-    still = (speed < REST_VELOCITY_SHARE) & (push < TURNING_ACCELERATION_SHARE)
+    """Return the number of stops between start and end that last at least two samples.
+
+    speed, push: usage of the velocity and acceleration limits at each sample.
+    """
+    at_rest = (speed < REST_VELOCITY_SHARE) & (push < TURNING_ACCELERATION_SHARE)
     moving = np.flatnonzero(speed >= REST_VELOCITY_SHARE)
     if not moving.size:
         return 0
-    inside = still[moving[0] : moving[-1]].astype(np.int8)
+    inside = at_rest[moving[0] : moving[-1]].astype(np.int8)
     edges = np.diff(inside, prepend=0, append=0)
     return int(np.sum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1) >= 2))
 
 
 def commanded_rests(command: Trajectory, limits: JointLimits) -> int:
-    """Return the number of rests that a timed plan commands between start and end."""
+    """Return the number of rests of at least MIN_DWELL_S that a plan commands between its ends."""
     durations = np.diff(command.times)
-    ways = np.max(np.abs(np.diff(command.positions, axis=0)) / limits.velocity, axis=1)
-    resting = ways <= RESTING_COMMAND_SHARE * durations
+    distances = np.max(np.abs(np.diff(command.positions, axis=0)) / limits.velocity, axis=1)
+    resting = distances <= RESTING_COMMAND_SHARE * durations
     moving = np.flatnonzero(~resting)
     if not moving.size:
         return 0
     inside = slice(moving[0], moving[-1])
     edges = np.diff(resting[inside].astype(np.int8), prepend=0, append=0)
     elapsed = np.concatenate([[0.0], np.cumsum(durations[inside])])
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return int(np.sum(elapsed[ends] - elapsed[begins] >= MIN_DWELL_S))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return int(np.sum(elapsed[ends] - elapsed[starts] >= MIN_DWELL_S))

@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest motion from rest to rest through waypoints that are all known.
+"""The fastest motion from rest to rest through waypoints that are all known in advance.
 
-`transcription` starts from a spline through the waypoints and speeds along it that ignore the
-jerk. Its result is slowed down until it respects each limit at every instant, and checked.
+`transcription` optimises a motion from a start solution: a spline through the waypoints, with
+speeds along it that ignore the jerk limits. Its result is slowed down until it respects each limit
+at every instant.
 """
 
 from math import ceil
@@ -13,66 +14,68 @@ import numpy as np
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.request import Problem as OnPath
+from epson_driver.motion.smoother.request import Problem as PathProblem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.transcription import STEPS, Problem, Search
 
 MAX_SEARCH_STEPS = 160
+"""Maximum number of steps of the search, after which it has no result."""
 
-WAY_SHARE = 0.6
-"""Maximum interval between two knots, as a share of the least A/J. Longer segments between
-waypoints are divided."""
+MAX_INTERVAL_SHARE = 0.6
+"""Maximum time between two knots, as a fraction of the shortest time in which a joint reaches its
+maximum acceleration. Segments between waypoints that take longer are divided."""
 
 MAX_PARTS = 10
-"""Maximum number of intervals of a segment between waypoints."""
+"""Maximum number of intervals into which a segment between two waypoints is divided."""
 
-MIN_WAY_S = 2e-3
+MIN_INTERVAL_S = 2e-3
 """Minimum initial duration of an interval, s."""
 
 BEND_RATIO = 1.5
-"""Maximum distance of the motion from the straight segment between two waypoints, in any joint, as
-a ratio to the spline's distance."""
+"""Maximum ratio of the motion's distance from the straight line between two waypoints to that of
+the spline, in any joint."""
 
 MIN_BEND = 0.002
-"""Lower bound of this maximum distance, rad (or m)."""
+"""Distance from that line which is always allowed, rad (or m)."""
 
 NEIGHBOUR_SHARE = 0.25
-"""Maximum distance from a waypoint as a share of the distance to its neighbours, whatever the
-tolerance, because the motion must not change the order of the points."""
+"""Maximum tolerance at a waypoint as a fraction of the distance to its neighbours, so that the
+motion passes the waypoints in their order."""
 
-MAX_WAYS = 4000
-"""Maximum number of intervals. More would take minutes, so None is returned."""
+MAX_INTERVALS = 4000
+"""Maximum number of intervals. More would take minutes."""
 
 MAX_PATH_TOLERANCE = 0.5
 """Maximum tolerance at a waypoint, rad (or m) in every joint."""
 
 _PLACES = np.linspace(0.0, 1.0, 17)
+"""Positions within a segment at which a path is compared with the straight line, [0, 1]."""
 
 
 def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> JointMotion | None:
-    """Return the fastest motion found through waypoints, or None.
+    """Return the fastest motion found through waypoints, or None if none was found.
 
     waypoints: shape (k, n), k ≥ 3, rad (or m), each different from the previous one. The motion
-    passes them exactly, or within `tolerance` in every joint except at the ends. It respects all
-    limits at every instant.
+    starts and ends at rest exactly at the first and last waypoint. It passes the others within
+    `tolerance` in every joint. It respects all limits at every instant.
     """
     start = np.zeros((1, waypoints.shape[1]))
     path = through(
         Knots(np.zeros(1), waypoints[:1], start, start), waypoints[1:], limits, False, True
     )
-    profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile()
+    profile = SpeedBounds(PathProblem(path, (0.0, 0.0, 0.0), limits)).profile()
     times = np.interp(path.knots.u, profile.positions, profile.times)
-    longest = WAY_SHARE * float(np.min(limits.acceleration / limits.jerk))
-    ways = np.maximum(np.diff(times), MIN_WAY_S).tolist()
-    parts = [min(ceil(way / longest), MAX_PARTS) for way in ways]
-    if sum(parts) > MAX_WAYS:
+    longest = MAX_INTERVAL_SHARE * float(np.min(limits.acceleration / limits.jerk))
+    durations = np.maximum(np.diff(times), MIN_INTERVAL_S).tolist()
+    parts = [min(ceil(segment / longest), MAX_PARTS) for segment in durations]
+    if sum(parts) > MAX_INTERVALS:
         return None
-    way = np.repeat(np.arange(len(parts)), parts)
+    segment = np.repeat(np.arange(len(parts)), parts)
     first = np.append(0, np.cumsum(parts))
-    moments = np.interp(np.arange(first[-1] + 1), first, times)
-    us = np.interp(moments, profile.times, profile.positions)
+    instants = np.interp(np.arange(first[-1] + 1), first, times)
+    us = np.interp(instants, profile.times, profile.positions)
     us[first] = path.knots.u
-    speeds = np.interp(moments, profile.times, profile.speeds)[:, None]
+    speeds = np.interp(instants, profile.times, profile.speeds)[:, None]
     position, slope, bend, _ = path.sample(us)
     velocity = np.clip(slope * speeds, -0.95 * limits.velocity, 0.95 * limits.velocity)
     upper = 0.9 * limits.acceleration
@@ -80,11 +83,11 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     position[first], velocity[[0, -1]], acceleration[[0, -1]] = waypoints, 0.0, 0.0
     chords = np.diff(waypoints, axis=0)
     bends = np.maximum(BEND_RATIO * _bends(path), MIN_BEND) + tolerance
-    beside = np.full(len(us), np.inf)
-    beside[first] = _tolerances(waypoints, limits, tolerance)
-    problem = Problem(limits, waypoints[way], chords[way], bends[way], beside)
+    tolerances = np.full(len(us), np.inf)
+    tolerances[first] = _tolerances(waypoints, limits, tolerance)
+    problem = Problem(limits, waypoints[segment], chords[segment], bends[segment], tolerances)
     knots = np.stack([position, velocity, acceleration], axis=2)
-    search = Search(problem, knots, np.maximum(np.diff(moments), MIN_WAY_S))
+    search = Search(problem, knots, np.maximum(np.diff(instants), MIN_INTERVAL_S))
     with np.errstate(over='ignore', invalid='ignore'):  # a step without a result ends the search
         try:
             return _searched(search, waypoints[0], limits)
@@ -98,14 +101,17 @@ def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion 
         if not search.step():
             return None
         if search.converged:
-            motion = _slowed(start, *search.found(), limits)
+            motion = _slowed(start, *search.result(), limits)
             if motion is not None:
-                return motion  # otherwise rounding left the range, and the next one may be good
+                return motion  # else the motion leaves the range by rounding: search on
     return None
 
 
 def _bends(path: Path) -> Array:
-    """Return the maximum distance of each segment from its chord, in any joint, shape (k,)."""
+    """Return the maximum distance of each segment of a path from its chord, in any joint.
+
+    The result has shape (k,).
+    """
     knots = path.knots
     us = knots.u[:-1, None] + np.diff(knots.u)[:, None] * _PLACES
     chords = np.diff(knots.position, axis=0)[:, None]
@@ -116,7 +122,7 @@ def _bends(path: Path) -> Array:
 
 
 def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Array:
-    """Return the tolerance at each waypoint, shape (k,). It is 0 at the limit of a range."""
+    """Return the tolerance at each waypoint, shape (k,). It is 0 close to a position limit."""
     lengths = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
     result = np.zeros(len(waypoints))
     result[1:-1] = np.minimum(tolerance, NEIGHBOUR_SHARE * np.minimum(lengths[:-1], lengths[1:]))
@@ -128,17 +134,17 @@ def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Arra
 def _slowed(
     start: Array, jerks: Array, durations: Array, limits: JointLimits
 ) -> JointMotion | None:
-    """Return the motion of jerks, slowed as little as possible within the limits, or None.
+    """Return the motion with given jerks, slowed down just enough for the limits.
 
-    None: no slowdown respects every limit. jerks: shape (m, n, STEPS), rad/s³. durations: of the m
-    intervals, s.
+    Return None if it exceeds a limit even so. jerks: shape (m, n, STEPS), rad/s³. durations: of
+    the m intervals, shape (m,), s.
     """
     n = len(start)
     steps = np.tile(np.repeat(durations / STEPS, STEPS), (n, 1))
     pieces = jerks.transpose(1, 0, 2).reshape(n, -1)
     at_rest = (start, np.zeros(n), np.zeros(n))
     motion = JointMotion(at_rest, steps, pieces)
-    velocity, acceleration, jerk = motion.uses(limits)
+    velocity, acceleration, jerk = motion.limit_usage(limits)
     slower = max(1.0, velocity, acceleration**0.5, jerk ** (1.0 / 3.0))
     motion = JointMotion(at_rest, slower * steps, pieces / slower**3)
     return motion if motion.within(limits) else None

@@ -1,10 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Polynomials from values and derivatives at both ends: linear, cubic and quintic segments.
+"""Interpolation of trajectories by linear, cubic or quintic polynomials.
 
-Trajectories are interpolated between two points like in ros2_control's
-joint_trajectory_controller: linear with positions only, cubic with velocities, and quintic with
-accelerations.
+As in ros2_control's joint_trajectory_controller, the segment between two points is linear if they
+have only positions, cubic with velocities, and quintic with accelerations.
 """
 
 import numpy as np
@@ -33,53 +32,54 @@ _FROM_ENDS = {
         ]
     ),
 }
-"""Matrices from the values at both ends to the coefficients of s⁰, s¹ …, by number of values."""
+"""Matrices from values and derivatives at both ends of a segment to the coefficients of s⁰, s¹ …,
+by the number of coefficients."""
 
 
 _POWERS = np.arange(6)
 _FACTORS = np.array(
     [np.ones(6), _POWERS, _POWERS * (_POWERS - 1), _POWERS * (_POWERS - 1) * (_POWERS - 2)]
 )
-"""Factors of a quintic's terms, by the order of the derivative."""
+"""Factors of the terms of a quintic's derivatives, one row per order of the derivative."""
 
 _ORDERS = np.arange(3)[:, None]
 """Orders of the derivatives: position, velocity, acceleration."""
 
 
-Ends = tuple[Array, Array]
+ValueAndSlope = tuple[Array, Array]
 """A value and its slope at one end of a segment."""
 
 
-def hermite(begin: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
-    """Return the polynomials of s ∈ [0, 1] with given values and derivatives at both ends.
+def hermite(start: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
+    """Return the coefficients of polynomials from values and derivatives at s = 0 and s = 1.
 
-    begin, end: the value, its first and its second derivative by s, or fewer of them, each of
-    shape (…, n). The result, shape (…, 2, 4 or 6, n), has the coefficients of s⁰, s¹ ….
+    start, end: the value and no, one or two derivatives by s, each of shape (…, n). The result has
+    the coefficients of s⁰, s¹ …, and the shape (…, 2, n), (…, 4, n) or (…, 6, n).
     """
-    # the distance instead of the end, so that short segments lose no digits
-    relative = (np.zeros_like(begin[0]), *begin[1:], end[0] - begin[0], *end[1:])
+    # the distance instead of the end value, so that short segments lose no digits
+    relative = (np.zeros_like(start[0]), *start[1:], end[0] - start[0], *end[1:])
     coefficients: Array = _FROM_ENDS[len(relative)] @ np.stack(relative, axis=-2)
-    coefficients[..., 0, :] = begin[0]
+    coefficients[..., 0, :] = start[0]
     return coefficients
 
 
 def polynomial(coefficients: Array, s: Array, order: int = 0) -> Array:
-    """Return a polynomial of six coefficients, shape (6, n), or one of its derivatives.
+    """Return values of quintic polynomials or of a derivative of them, shape (m, n).
 
-    s: positions, shape (m,). order: order of the derivative, up to 3. The result has shape (m, n).
+    coefficients: of s⁰ … s⁵, shape (6, n). s: shape (m,). order: of the derivative, 0 to 3.
     """
     powers = s[:, None] ** np.maximum(_POWERS - order, 0)
     return np.asarray((_FACTORS[order] * powers) @ coefficients)
 
 
-def cubic(s: Array, h: Array | float, begin: Ends, end: Ends) -> Array:
-    """Return the cubic with values and slopes at both ends of a segment, at s ∈ [0, 1] of it.
+def cubic(s: Array, h: Array | float, start: ValueAndSlope, end: ValueAndSlope) -> Array:
+    """Return values of the cubic that has given values and slopes at both ends of a segment.
 
-    h: the length of the segment, the unit of the slopes. Shapes are broadcast by numpy.
+    s: fraction of the segment, [0, 1]. h: length of the segment. Shapes are broadcast by numpy.
     """
     value: Array = (
-        (1 + 2 * s) * (1 - s) ** 2 * begin[0]
-        + s * (1 - s) ** 2 * h * begin[1]
+        (1 + 2 * s) * (1 - s) ** 2 * start[0]
+        + s * (1 - s) ** 2 * h * start[1]
         + s**2 * (3 - 2 * s) * end[0]
         + s**2 * (s - 1) * h * end[1]
     )
@@ -87,10 +87,10 @@ def cubic(s: Array, h: Array | float, begin: Ends, end: Ends) -> Array:
 
 
 class Interpolation:
-    """Points of n joints as a function of time. times: shape (k,), s, strictly increasing, k ≥ 2.
+    """Interpolation of the points of a trajectory by time.
 
-    positions and, if the points have them, velocities and accelerations: shape (k, n).
-    Accelerations are used only with velocities.
+    times: shape (k,), s, strictly increasing, k ≥ 2. positions, velocities, accelerations: shape
+    (k, n), or None. Accelerations are ignored without velocities.
     """
 
     def __init__(
@@ -112,7 +112,10 @@ class Interpolation:
         self._factors = np.vstack([np.ones(len(k)), k, k * (k - 1.0)])
 
     def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Return positions, velocities, accelerations at times within, shape (…) to (…, n)."""
+        """Return positions, velocities, accelerations, shapes (…, n), at times, shape (…).
+
+        The times must be between the first and the last point.
+        """
         times = np.asarray(times, dtype=float)
         segment = self.times.searchsorted(times, side='right') - 1
         segment = np.clip(segment, 0, len(self.times) - 2)
@@ -129,7 +132,7 @@ class Interpolation:
 
 
 def central_differences(times: Array, values: Array) -> Array:
-    """Return derivatives of values, shape (k, n), at times, shape (k,), 0 at both ends."""
+    """Return derivatives of values, shape (k, n), by times, shape (k,), with 0 at both ends."""
     result = np.zeros_like(values)
     result[1:-1] = (values[2:] - values[:-2]) / (times[2:] - times[:-2])[:, None]
     return result

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions off the path, from a moving state: a stop, a move to rest, a move to another state."""
+"""Joint motions made of pieces of constant jerk: the fastest stops and moves from any state."""
 
 from collections.abc import Iterator
 
@@ -12,20 +12,20 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import calculated, solve
 
 MAX_ATTEMPTS = 40
-"""Number of reversals that are tried, each twice as long as the last, from `MIN_WAY_BACK`."""
+"""Number of reversals that are tried, each twice as long as the last, from `MIN_REVERSAL`."""
 
-MIN_WAY_BACK = 1e-9
+MIN_REVERSAL = 1e-9
+"""Distance of the first such target from the position limit, rad."""
+
 STOP_TOLERANCE = 1e-12
-"""Tolerance of the position limits, rad."""
+"""Excess of a position limit that counts as rounding in a JointStop, rad."""
 
 
 class JointStop:
-    """The fastest stop of every joint separately, as a function of the time since its start.
+    """The fastest stop of each joint separately, as a function of the time since its start.
 
-    `duration` is in s, `end` in rad. A joint that moves within its limits can always stop within
-    them if it may reverse, because maximum braking never goes farther than the current motion. A
-    stop without reversal may go farther, since its deceleration must end with it. If that would
-    pass a position limit, the joint reverses.
+    If this stop would pass a joint's position limit, the joint brakes harder, reverses and returns
+    to rest within the limit. `duration` is in s. `end` are the final positions, shape (n,), rad.
     """
 
     def __init__(self, trajectories: list[RuckigTrajectory]) -> None:
@@ -52,7 +52,7 @@ class JointStop:
 def stop_joints(
     limits: JointLimits, position: Array, velocity: Array, acceleration: Array
 ) -> JointStop:
-    """Return the stop of joints that move within the limits, in shapes (n,)."""
+    """Return the stop of joints from a state within the limits, shapes (n,)."""
     states = zip(position, velocity, acceleration, strict=True)
     return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
 
@@ -76,13 +76,13 @@ def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) ->
     limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
     inp.control_interface = ControlInterface.Position
     for attempt in range(MAX_ATTEMPTS):
-        target = limit + inward * MIN_WAY_BACK * 2.0**attempt
+        target = limit + inward * MIN_REVERSAL * 2.0**attempt
         if not low <= target <= high:
             break
         inp.target_position = [target]
-        back = calculated(inp)
-        if back is not None and _within(back, low, high):
-            return back
+        reversal = calculated(inp)
+        if reversal is not None and _within(reversal, low, high):
+            return reversal
     return trajectory
 
 
@@ -95,25 +95,26 @@ State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Relative excess of a limit that counts as rounding. The initial state may have some."""
+"""Relative excess of a velocity, acceleration or jerk limit that counts as rounding."""
 
 POSITION_TOLERANCE = 1e-11
-"""The same tolerance for positions, rad."""
+"""Excess of a position limit that counts as rounding, rad."""
 
 TARGET_TOLERANCE = 1e-9
-"""Accuracy of the end of a move at its target, rad."""
+"""Maximum distance of the end of a move from its target, rad."""
 
 REST_SHARE = 1e-9
-"""Share of the velocity and acceleration limits that counts as no motion."""
+"""Fraction of the velocity and acceleration limits that counts as rest."""
 
 
 class JointMotion:
-    """A motion of n joints. The motion of each joint has k pieces of constant jerk.
+    """A motion of n joints, in which each joint has k pieces of constant jerk.
 
-    It starts exactly in the given state, and usually ends at rest. durations, jerks: shape (n, k),
-    s and rad/s³. `duration` is in s, `end` is the position at the end, rad. `times` are the
-    breakpoints of each joint, shape (n, k + 1). `states` are its positions, velocities and
-    accelerations there, shape (3, n, k + 1).
+    state: the initial state. durations, jerks: of the pieces, shape (n, k), s and rad/s³.
+
+    The attribute `duration` is in s, and `end` is the final position, shape (n,), rad. `times` are
+    the start times of the pieces and the end, shape (n, k + 1). `states` are the positions,
+    velocities and accelerations at these times, shape (3, n, k + 1).
     """
 
     def __init__(self, state: State, durations: Array, jerks: Array) -> None:
@@ -130,7 +131,7 @@ class JointMotion:
         self.end: Array = self.states[0, :, -1].copy()
 
     def at(self, time: float) -> State:
-        """Return position, velocity, acceleration at a time, shapes (n,)."""
+        """Return position, velocity, acceleration at a time, shapes (n,). After the end, rest."""
         if time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
@@ -147,25 +148,25 @@ class JointMotion:
         return position, velocity, acceleration
 
     def within(self, limits: JointLimits) -> bool:
-        """Return whether it respects all limits at every instant, and ends at rest."""
+        """Return whether the motion respects all limits at every instant, and ends at rest."""
         _, velocity, acceleration = self.states
         return bool(
             np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
             and np.all(np.abs(acceleration[:, -1]) <= REST_SHARE * limits.acceleration)
-            and self.keeps(limits)
+            and self.respects(limits)
         )
 
-    def keeps(self, limits: JointLimits) -> bool:
-        """Return whether it respects all limits at every instant, by its extrema."""
+    def respects(self, limits: JointLimits) -> bool:
+        """Return whether the motion respects all limits at every instant."""
         lowest, highest = self.extent
         return bool(
-            max(self.uses(limits)) <= 1.0 + LIMIT_TOLERANCE_SHARE
+            max(self.limit_usage(limits)) <= 1.0 + LIMIT_TOLERANCE_SHARE
             and np.all(lowest >= limits.position_min - POSITION_TOLERANCE)
             and np.all(highest <= limits.position_max + POSITION_TOLERANCE)
         )
 
-    def uses(self, limits: JointLimits) -> tuple[float, float, float]:
-        """Return the used shares of the velocity, acceleration and jerk limits."""
+    def limit_usage(self, limits: JointLimits) -> tuple[float, float, float]:
+        """Return the maximum usage of the velocity, acceleration and jerk limits, 1 if full."""
         _, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
@@ -186,15 +187,15 @@ class JointMotion:
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             # both zeros of v + a t + j t² / 2
             root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
-            turns = (_between(root / j, t), _between(2.0 * v / root, t))
+            reversals = (_between(root / j, t), _between(2.0 * v / root, t))
         places = np.concatenate(
-            [self.states[0], *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
+            [self.states[0], *(_after(reversal, p, v, a, j)[0] for reversal in reversals)], axis=1
         )
         return places.min(axis=1), places.max(axis=1)
 
 
 def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
-    """Return the state after time `t` with constant jerk."""
+    """Return the state a time `t` later, with constant jerk."""
     return (
         p + t * (v + t * (a / 2.0 + t * j / 6.0)),
         v + t * (a + t * j / 2.0),
@@ -209,10 +210,10 @@ def _between(times: Array, durations: Array) -> Array:
 
 
 def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
-    """Return the fastest stop of all joints together.
+    """Return the fastest stop in which all joints end together, within the limits.
 
-    If a joint would leave its position limits on the longer synchronized path, each joint stops
-    separately. If even that would leave them, the joint reverses to stay within them.
+    If a joint would leave its position limits, each joint stops separately, as fast as it can. If
+    a joint would leave them even so, it reverses (see JointStop).
     """
     motion = None
     for motion in _stops(limits, state):
@@ -224,8 +225,8 @@ def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
 
 
 def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
-    """Yield stops in order of preference, the hardest last."""
-    inp = _from(limits, state)
+    """Yield possible stops in order of preference."""
+    inp = _ruckig_input(limits, state)
     inp.control_interface = ControlInterface.Velocity
     inp.target_velocity = [0.0] * len(limits.names)
     for synchronization in (Synchronization.Time, Synchronization.No):
@@ -237,26 +238,26 @@ def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
 
 
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:
-    """Return the fastest move to rest at `target`, or None if it would leave position limits."""
-    inp = _from(limits, state)
-    wanted = target
+    """Return the fastest move to rest at `target`, or None if it would exceed a limit."""
+    inp = _ruckig_input(limits, state)
+    corrected = target
     for _ in range(2):  # Ruckig may miss by 1e-8 rad, which the second target corrects
-        inp.target_position = wanted.tolist()
+        inp.target_position = corrected.tolist()
         motion = _solved(inp, state)
         if motion is None:
             return None
         missed = motion.end - target
         if np.max(np.abs(missed)) <= TARGET_TOLERANCE:
             return motion if motion.within(limits) else None
-        wanted = wanted - missed
+        corrected = corrected - missed
     return None
 
 
-def _from(limits: JointLimits, state: State) -> InputParameter:
+def _ruckig_input(limits: JointLimits, state: State) -> InputParameter:
     """Return Ruckig's input for a motion from a state.
 
-    The state is not clipped, as that would be a jump. If rounding puts it above a limit, that
-    limit is raised to the state's value.
+    If the state exceeds a limit by rounding, the limit is raised to it, because clipping the state
+    would be a jump.
     """
     inp = InputParameter(len(limits.names))
     position, velocity, acceleration = state
@@ -275,7 +276,7 @@ def _solved(inp: InputParameter, state: State) -> JointMotion | None:
 
 
 def motion_of(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
-    """Return the motion of all joints of Ruckig's trajectories."""
+    """Return Ruckig's trajectories, of all joints or of one joint each, as one motion."""
     profiles = [profile for trajectory in trajectories for profile in trajectory.profiles[0]]
     durations = [[*profile.brake.t, *profile.t] for profile in profiles]
     jerks = [[*profile.brake.j, *profile.j] for profile in profiles]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The limits of every commanded motion (docs/invariants.md, 2)."""
+"""The joint limits that every commanded motion respects (docs/invariants.md, 2)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,17 +11,17 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 ROUNDING = {'rad': 5e-5, 'm': 5e-6}
-"""Possible excess of the reported position of an arm at rest at a limit, because its controller
-counts encoder pulses and sends float32. The limits in the URDF are wider by this (urdf/)."""
+"""Maximum amount by which an arm at rest at a limit may report a position beyond it, by unit. The
+controller counts encoder pulses and sends float32. The limits in the URDF are wider by this
+amount."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of n joints: arrays of shape (n,), in rad, rad/s, rad/s², rad/s³ (or m …).
 
-    units: 'rad' or 'm', one per joint, by default all rad. Raises ValueError, with joint, quantity
-    and value, if the lengths differ, a number is not finite, a range is empty, or a limit is not
-    positive.
+    units: 'rad' or 'm', one per joint, by default all rad. Raises ValueError if the lengths
+    differ, a number is not finite, a range is empty, or a limit is not positive.
     """
 
     names: tuple[str, ...]
@@ -62,21 +62,22 @@ class JointLimits:
         return np.array([ROUNDING[unit] for unit in self.units])
 
     def settled(self, positions: Array) -> Array:
-        """Return positions, shape (…, n), clipped to a limit if up to ROUNDING beyond it."""
+        """Return positions, shape (…, n), with those up to ROUNDING beyond a limit clipped."""
         low, high = self.position_min, self.position_max
         rows = positions.reshape(-1, positions.shape[-1])
         if not rows.size or (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):
-            return positions  # the usual case, in which a long goal is not copied
+            return positions  # a long goal is not copied
         near = (positions >= low - self.rounding) & (positions <= high + self.rounding)
         return np.where(near, np.clip(positions, low, high), positions)
 
     @property
     def rad_per_unit(self) -> Array:
-        """Weight in rad of each joint's unit for comparing joints, shape (n,).
+        """Factor from each joint's unit to rad, for comparing joints, shape (n,).
 
-        It is 1 for rad. For m it is the angle of the first revolute joint in the time for 1 m,
-        both at full speed. So 0.1 m/s of a SCARA's shaft count next to 1 rad/s of its arms.
+        It is 1 for a revolute joint. For a prismatic joint it is the ratio of the velocity limits
+        of the first revolute joint and this joint, rad/m, so that moves of equal duration compare
+        as equal.
         """
-        turns = [unit == 'rad' for unit in self.units]
-        fastest = self.velocity[turns.index(True)] if any(turns) else 1.0
-        return np.where(turns, 1.0, fastest / self.velocity)
+        revolute = [unit == 'rad' for unit in self.units]
+        fastest = self.velocity[revolute.index(True)] if any(revolute) else 1.0
+        return np.where(revolute, 1.0, fastest / self.velocity)

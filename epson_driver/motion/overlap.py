@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Moves that overlap in time, like SPEL+'s `Go … CP`, and the parts of `Jump` and `Jump3`.
+"""Moves that overlap in time, like SPEL+'s `Go … CP` and the parts of `Jump` and `Jump3`.
 
-In `Go … CP` a move overlaps the end of the previous one, within every limit. The second move
-starts while the first still decelerates, and the two are added. Both consist of pieces of constant
-jerk, and so does their sum. Its extrema are known, so the check is exact.
+With CP, a move starts while the previous one still decelerates, and the two are added. Both
+consist of pieces of constant jerk, and so does their sum. Therefore its extrema are known, and it
+is checked exactly against the limits.
 """
 
 from collections.abc import Sequence
@@ -25,33 +25,32 @@ class Move(Protocol):
 
     @property
     def braking(self) -> float:
-        """Start time of the deceleration of a motion from rest to rest, s."""
+        """Time at which the deceleration of a motion from rest to rest starts, s."""
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
 
     def stop(self, time: float) -> 'Move':
-        """Return the fastest stop along its path from the state at `time`."""
+        """Return the fastest stop on the motion's path from the state at `time`."""
 
 
 class Part(NamedTuple):
-    """A move that starts at `begin`, s, from `origin`, shape (n,), rad."""
+    """A move that starts at the time `start`, s, at the position `origin`, shape (n,), rad."""
 
-    begin: float
+    start: float
     origin: Array
     move: Move
 
     @property
     def end(self) -> float:
         """End time, s."""
-        return self.begin + self.move.duration
+        return self.start + self.move.duration
 
 
 class JointMoves:
-    """Moves in parts as a function of the time since the first started, like LineMotion.
+    """The sum of moves that overlap in time, as a function of the time.
 
-    Overlapping parts share each joint's limits, so their sum respects all limits, also during a
-    stop.
+    The sum respects a joint's limits, also during a stop, if the parts divide them.
     """
 
     def __init__(self, origin: Array, parts: Sequence[Part]) -> None:
@@ -64,27 +63,27 @@ class JointMoves:
 
     @property
     def braking(self) -> float:
-        """Start time of the deceleration of the last part, s."""
+        """Time at which the deceleration of the last part starts, s."""
         last = self._parts[-1]
-        return last.begin + last.move.braking
+        return last.start + last.move.braking
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
         position = self.origin.copy()
         velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
         for part in self._parts:
-            if part.begin <= time:
-                p, v, a = part.move.at(time - part.begin)
+            if part.start <= time:
+                p, v, a = part.move.at(time - part.start)
                 position += p - part.origin
                 velocity, acceleration = velocity + v, acceleration + a
         return position, velocity, acceleration
 
     def stop(self, time: float) -> 'JointMoves':
-        """Return the fastest stop of each part that has started, along its line."""
+        """Return the fastest stop of each part that has started, on the part's path."""
         stops = (
-            Part(0.0, part.origin, part.move.stop(time - part.begin))
+            Part(0.0, part.origin, part.move.stop(time - part.start))
             for part in self._parts
-            if part.begin <= time
+            if part.start <= time
         )
         return JointMoves(self.origin, list(stops))
 
@@ -93,10 +92,10 @@ CANDIDATE_STARTS = 24
 """Number of start times checked together. The earliest allowed one is then refined once."""
 
 LIMIT_TOLERANCE_SHARE = 1e-9
-"""Relative excess of a limit that counts as rounding."""
+"""Relative excess of a velocity, acceleration or jerk limit that counts as rounding."""
 
 POSITION_TOLERANCE = 1e-12
-"""The same tolerance for positions, rad."""
+"""Excess of a position limit that counts as rounding, rad."""
 
 
 def blend_start(
@@ -109,11 +108,12 @@ def blend_start(
     accel: float = 1.0,
     tool: tuple[Array, float] | None = None,
 ) -> float:
-    """Return the start time of the second move, s after the start of the first.
+    """Return the earliest allowed start time of a second move, s after the start of the first.
 
-    The second move starts at the end of the first, at time `earliest` or later. `speed` and
-    `accel` are fractions of the limits for the sum. `tool`: each joint's reach, shape (n,), m, and
-    the limit of the sum of the joints' velocities times their reach, m/s.
+    The second move starts at the position where the first ends, at the time `earliest` or later.
+    Their sum respects the limits, multiplied by the fractions `speed` and `accel`. `tool`: each
+    joint's reach, shape (n,), m, and the limit of the sum of the joints' speeds times their reach,
+    m/s.
     """
     result = first.duration
     if not earliest < result or first.braking == 0.0 or second.braking == 0.0:
@@ -133,9 +133,9 @@ def blend_start(
 
 
 class _Check:
-    """Checks that the sum of two moves is within the limits, for many start times together.
+    """Check of the sum of two moves against the limits, for many start times together.
 
-    The checked rows are the joints and, with a tool, its speed limit.
+    A tool's speed limit is checked like the velocity limit of a further joint.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class _Check:
         )
 
     def __call__(self, starts: Array) -> Array:
-        """Return for each start whether the sum is allowed while both move, shape (m,)."""
+        """Return for each start time whether the sum is allowed while both move, shape (m,)."""
         start = starts[:, None]
         times = np.concatenate(
             [np.broadcast_to(self._first.times, (len(starts), 8)), self._second.times + start],
@@ -218,14 +218,13 @@ class _Check:
 def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, Array, Array]:
     """Return distance, velocity, acceleration and jerk at `times`.
 
-    middle: for each time, a time inside the piece to evaluate. It selects one of the two pieces
-    that meet at a breakpoint.
+    middle: for each time, a time inside its piece. At the boundary of two pieces it selects one.
     """
     piece = np.clip(np.searchsorted(pieces.times, middle, side='right') - 1, 0, 7)
     t = times - pieces.times[piece]
     s, v, a, j = (
         column[piece]
-        for column in (pieces.ways, pieces.velocities, pieces.accelerations, pieces.jerks)
+        for column in (pieces.distances, pieces.velocities, pieces.accelerations, pieces.jerks)
     )
     return (
         s + t * (v + t * (a / 2.0 + j * t / 6.0)),

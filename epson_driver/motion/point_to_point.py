@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Straight moves in joint space from rest to rest, and stops during them, within every limit.
+"""Straight moves in joint space from rest to rest, like SPEL+'s `Go`, and stops on their line.
 
-All joints start and end together (SPEL+ `Go`). The move is one jerk-limited motion along the
-line, limited by the most restrictive joint, so a stop stays on the line, too.
+All joints start and end together. A move is one jerk-limited motion along the line, limited by the
+most restrictive joint.
 """
 
 from dataclasses import dataclass
@@ -16,16 +16,15 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 LESS_JERK = 1.0 - 1e-9
-"""Reduction of the jerk limits if Ruckig misses a solution where two of its profiles meet."""
+"""Factor of the jerk limits for a second attempt, after Ruckig has found no solution."""
 
 
 def calculated(inp: InputParameter) -> RuckigTrajectory | None:
     """Return the trajectory that Ruckig finds, or None if it finds none.
 
-    In that case Ruckig returns an error code, or one that its enum does not contain (ValueError),
-    or raises RuckigError, which is only an Exception and no RuntimeError. It also fails for some
-    inputs with a solution: if v = a² / j or similar holds exactly, e.g. for round numbers, and if
-    the duration for synchronizing all joints is exactly the duration that one joint needs.
+    Ruckig misses some solutions: if v = a² / j or similar holds exactly, e.g. for round numbers,
+    or if the duration of the synchronized joints is exactly the duration that one joint needs.
+    Therefore a second attempt uses slightly lower jerk limits.
     """
     trajectory = _calculated(inp)
     if trajectory is None:
@@ -40,49 +39,50 @@ def _calculated(inp: InputParameter) -> RuckigTrajectory | None:
     trajectory = RuckigTrajectory(inp.degrees_of_freedom)
     try:
         result = Ruckig(inp.degrees_of_freedom).calculate(inp, trajectory)
-    except (RuckigError, RuntimeError, ValueError):
+    except (RuckigError, RuntimeError, ValueError):  # ValueError: a code that Result lacks
         return None
     return trajectory if result in (Result.Working, Result.Finished) else None
 
 
 SHORTEST_MOVE_S = 0.01
-"""Duration of a move to the current position, as a trajectory."""
+"""Minimum duration of a move as a trajectory, s, used for a move to the current position."""
 
 SAMPLE_PERIOD_S = 0.05
-"""Time between two points for controllers that interpolate positions and velocities."""
+"""Time between two points, s, for a controller that interpolates positions and velocities."""
 
 LONGEST_SEGMENT_S = 0.5
-"""Maximum time between two points for the other controllers. Points that are already sent cannot
-be slowed down, so it is limited. It is long, as an arm that rests at each point should rest
-rarely."""
+"""Maximum time between two points, s, for other controllers. It is long, because some of them stop
+at each point, and limited, because a point cannot be slowed down after it has been sent."""
 
 MIN_MOVE = 1e-9
-"""Minimum length of a move (rad, in the joint with the longest distance)."""
+"""Minimum distance of a move in the joint that moves farthest, rad. A shorter move has no
+length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """A move as pieces of constant jerk, each until the start of the next, the last one at rest.
+    """A move as seven pieces of constant jerk, and the rest after it.
 
-    Arrays of shape (8,): start times (s), and the distance, its derivatives and the jerk there.
+    Arrays of shape (8,): the start times of the pieces, s, and the distance, velocity and
+    acceleration at these times, and the jerk of the pieces.
     """
 
     times: Array
-    ways: Array
+    distances: Array
     velocities: Array
     accelerations: Array
     jerks: Array
 
 
 SPEED_HALVINGS = 20
-"""Bisection steps for a duration: the speed is accurate to a millionth."""
+"""Bisection steps to find the speed for a duration. The result is accurate to a millionth."""
 
 
 class LineMotion:
-    """A motion along a line, as a function of the time since its start.
+    """A motion along a line in joint space, as a function of the time since its start.
 
-    `origin`, `direction` and `end` have shape (n,). The joints are at origin + s · direction after
-    the distance s. `duration` is in s. Created by `go` and `stop`, not directly.
+    `origin`, `direction` and `end` have shape (n,). After the distance s, the joints are at
+    origin + s · direction. `duration` is in s. `go` and `stop` create such motions.
     """
 
     def __init__(
@@ -102,17 +102,17 @@ class LineMotion:
 
     @property
     def braking(self) -> float:
-        """Start time of the deceleration of a move from rest to rest, s."""
+        """Time at which the deceleration of a move from rest to rest starts, s."""
         if self._trajectory is None:
             return 0.0
         times = self._trajectory.profiles[0][0].t
         cruise = 3
-        # Acceleration and deceleration are mirror images.
+        # without cruise, the deceleration starts in the middle, by symmetry
         return float(sum(times[: cruise + 1])) if times[cruise] > 0.0 else self.duration / 2.0
 
     @property
     def pieces(self) -> Pieces:
-        """The distance along the line, in pieces of constant jerk.
+        """The motion along the line, as pieces of constant jerk.
 
         Raises ValueError if the move has no length.
         """
@@ -134,12 +134,13 @@ class LineMotion:
         direction = self.direction
         return self.origin + s * direction, v * direction, a * direction
 
-    def points(self, period: float, *, begin: bool = True) -> Trajectory:
-        """Return the motion as points at most `period` s apart, with or without the one at 0 s.
+    def points(self, period: float, *, with_start: bool = True) -> Trajectory:
+        """Return the motion as points at most `period` s apart.
 
-        Raises ValueError for more than MAX_POINTS.
+        `with_start`: include the point at 0 s. Raises ValueError if there would be more than
+        MAX_POINTS.
         """
-        times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[0 if begin else 1 :]
+        times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[0 if with_start else 1 :]
         positions, velocities, _ = zip(*(self.at(time) for time in times.tolist()), strict=True)
         return Trajectory(self._limits.names, times, np.array(positions), np.array(velocities))
 
@@ -163,9 +164,9 @@ def go(
 ) -> LineMotion:
     """Return the fastest move from rest at `start` to rest at `target`, shapes (n,), rad.
 
-    `speed` and `accel` are fractions (0, 1] of the velocity and of the acceleration limits, as
-    SPEL+'s percentages. Raises ValueError for other fractions, wrong lengths, values that are not
-    finite, and a target outside the position limits.
+    `speed`: fraction (0, 1] of the velocity limits. `accel`: fraction (0, 1] of the acceleration
+    and jerk limits. Raises ValueError if a fraction, length or value is invalid, or the target is
+    outside the position limits.
     """
     check_fractions(speed, accel)
     _check_vector('start', start, limits)
@@ -190,12 +191,13 @@ def straight(
     *,
     sampled: bool,
 ) -> Trajectory:
-    """Return the fastest move from rest to rest, straight in joint space, at shares of the limits.
+    """Return the fastest straight move in joint space from rest to rest, as points.
 
-    `sampled`: for a controller that interpolates between points.
+    `speed`, `acceleration`: fractions of the limits, like in `go`. `sampled`: whether the points
+    are for a controller that interpolates positions and velocities. Raises like `go`.
     """
     period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
-    return go(limits, start, target, speed, acceleration).points(period, begin=sampled)
+    return go(limits, start, target, speed, acceleration).points(period, with_start=sampled)
 
 
 def check_fractions(speed: float, accel: float) -> None:
@@ -228,10 +230,9 @@ def _check_vector(name: str, vector: Array, limits: JointLimits) -> None:
 def go_in(
     limits: JointLimits, start: Array, target: Array, duration: float, speed: float, accel: float
 ) -> LineMotion:
-    """Return the slowest move of `go`, at `speed` or less, that takes at most `duration` s.
+    """Return a move like `go`, slowed down to take `duration` s.
 
-    It takes longer if `speed` and `accel` require it. A duration of 0 means the fastest move.
-    Raises like `go`.
+    It takes longer if `speed` and `accel` require it. Raises like `go`.
     """
     motion = go(limits, start, target, speed, accel)
     low, high = 0.0, speed

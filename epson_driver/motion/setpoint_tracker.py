@@ -1,18 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Follows a stream smoothly within every limit, each joint independently.
+"""Follows a stream of setpoints smoothly within every limit, each joint independently.
 
-The control law is linear with a triple pole: position, velocity and acceleration converge to the
-stream like the output of a critically damped filter, by a jerk that is constant over a step. The
-velocity and acceleration of the stream are fed forward, so a steady motion needs no jerk and has
-no lag.
+The control law is linear with a triple pole. Position, velocity and acceleration converge to the
+stream like the output of a critically damped filter. The jerk is constant over a step. The
+velocity and acceleration of the stream are fed forward, so a steady motion has no lag.
 
-The limits do not depend on the law. The executed motion is always a complete motion: a step of
-constant jerk, followed by the fastest stop. Its jerk is as close to the law's jerk, and lasts as
-long, as this stop permits: the stop must stay within the range and must not pass the positions
-that the stream has shown. The exact extrema of the motion are checked before it is accepted. If
-the check fails, the previous motion continues, which is a stop from then on. So no later check is
-needed, and the arm stops safely without any action if the setpoints end.
+The limits are respected by another mechanism. Each step starts a complete motion: the constant
+jerk of the step, followed by the fastest stop. The jerk is the law's jerk, reduced or shortened
+until this stop stays within the joint's range and the bounds of the stream. The exact extrema of
+the motion are checked before it is accepted. If the check fails, the previous motion continues
+with its stop. Therefore the arm also stops within its limits if the setpoints end.
 """
 
 import math
@@ -24,40 +22,40 @@ from epson_driver.motion.joint_motion import JointMotion, State, fastest_move, f
 from epson_driver.motion.limits import Array, JointLimits
 
 RANGE_MARGIN = 1e-9
-"""Minimum distance of a target from the end of a joint's range, rad or m, against rounding."""
+"""Minimum distance of a target from the end of a joint's range, rad or m, because of rounding."""
 
 ROUNDING = 1e-10
-"""A joint at rest ignores a target closer than this, rad or m."""
+"""Change of a constant target that does not start another motion, rad or m."""
 
 MIN_SPEED_SHARE = 1e-4
-"""A velocity below this share of a joint's velocity limit counts as zero."""
+"""Fraction of a joint's velocity limit below which a commanded velocity counts as zero."""
 
 POLE = 25.0
-"""Pole of the law, 1/s: the rate of convergence to the stream. Noise costs jerk with its cube."""
+"""Rate of convergence to the stream, 1/s. The jerk from noise grows with its cube."""
 
 VELOCITY_POLE = 40.0
-"""Pole for following a velocity. It may be faster, as no position noise is fed back."""
+"""Rate of convergence to a commanded velocity, 1/s. It is faster, because noise of positions has
+no effect."""
 
 BISECTIONS = 12
-"""Bisection steps when a limit restricts the law."""
+"""Bisection steps to find the largest allowed change of the jerk."""
 
 RETURN_S = 0.3
-"""Maximum extra time over a stop for an end at the last setpoint, s: the return from where the
-lead over the setpoints takes the arm, up to the fastest streams."""
+"""Maximum time by which an end at the last setpoint may take longer than a plain stop, s. It is
+enough for the return after an overshoot from the fastest streams."""
 
 LANDING_SHARE = 0.2
-"""Share of the acceleration and jerk limits for the final motion to a constant setpoint. It is
-gentle, since it ends there."""
+"""Fraction of the acceleration and jerk limits for the final motion to a constant setpoint."""
 
 LANDING_S = 0.15
 """Maximum duration of this final motion, s."""
 
 
-def servo_limits(limits: JointLimits, share: float, stop_within: float) -> JointLimits:
-    """Return the limits for setpoints: a share (0, 1] of velocity, acceleration and jerk.
+def servo_limits(limits: JointLimits, fraction: float, stop_within: float) -> JointLimits:
+    """Return the limits for following setpoints: a fraction (0, 1] of the joint limits.
 
-    The velocity is also bounded so that a stop with the full limits takes at most `stop_within` s,
-    because the controller that executes the setpoints knows them only this far ahead.
+    Velocities are also limited so that a stop with the full limits takes at most `stop_within` s,
+    because the controller receives setpoints only this long in advance.
     """
     a, j = limits.acceleration, limits.jerk
     ramps = a / j
@@ -66,19 +64,19 @@ def servo_limits(limits: JointLimits, share: float, stop_within: float) -> Joint
     )
     return replace(
         limits,
-        velocity=np.minimum(share * limits.velocity, stoppable),
-        acceleration=share * a,
-        jerk=share * j,
+        velocity=np.minimum(fraction * limits.velocity, stoppable),
+        acceleration=fraction * a,
+        jerk=fraction * j,
     )
 
 
-def stopping_way(limits: JointLimits, velocity: Array) -> Array:
-    """Return the signed stopping distance from velocities, shape (n,)."""
+def stopping_distance(limits: JointLimits, velocity: Array) -> Array:
+    """Return the signed distance of the fastest stop from velocities, shapes (n,)."""
     speed = np.abs(velocity)
     a, j = limits.acceleration, limits.jerk
     time = np.where(speed <= a * a / j, 2.0 * np.sqrt(speed / j), speed / a + a / j)
-    way: Array = velocity * time / 2.0
-    return way
+    distance: Array = velocity * time / 2.0
+    return distance
 
 
 _State = tuple[float, float, float]
@@ -87,10 +85,10 @@ _State = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoTarget:
-    """Target state of the joints at the end of a step, shapes (n,).
+    """State of the stream at the end of a step, and bounds of the motion, shapes (n,).
 
-    low, high: bounds that the joints must not pass, if they can still stop before them. A target
-    beyond the range is clipped to its end.
+    A joint that can still stop before `low` or `high` does not pass it. A target beyond a joint's
+    range is clipped.
     """
 
     position: Array
@@ -100,23 +98,23 @@ class ServoTarget:
     high: Array
 
     def before(self, time: float) -> 'ServoTarget':
-        """Return the stream's target `time` s earlier."""
+        """Return the target `time` s earlier, extrapolated with constant acceleration."""
         a = self.acceleration
         position = self.position - time * (self.velocity - time * a / 2.0)
         return replace(self, position=position, velocity=self.velocity - time * a)
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the target is at rest."""
+        """Whether the target does not move."""
         return not (np.any(self.velocity) or np.any(self.acceleration))
 
 
 class SetpointTracker:
-    """The motion of n joints after setpoints, from rest at `position`, shape (n,), rad or m.
+    """The motion of n joints that follow setpoints, from rest at `position`, shape (n,), rad or m.
 
-    `follow`, `move` and `brake` set the motion of the next step. Only `step` advances time. The
-    arm comes to rest without a further call. Raises ValueError if the start is not n finite
-    numbers within the range.
+    `follow`, `move` and `brake` set the motion of the next step. Only `step` advances time.
+    Without a further call to them, the motion ends at rest. Raises ValueError if `position` is
+    invalid or outside the range.
     """
 
     def __init__(self, limits: JointLimits, position: Array) -> None:
@@ -137,14 +135,14 @@ class SetpointTracker:
         rest = np.zeros_like(start)
         none = np.zeros((len(start), 1))
         self.motion = JointMotion((start, rest, rest), none, none)
-        """The executed motion, which started `time` s ago."""
+        """The motion that is executed. It started `time` s ago."""
         self.time = 0.0
-        self._ending = True
+        self._final = True
         """Whether the motion is final: a stop, or a motion to a constant setpoint."""
 
     @property
     def state(self) -> State:
-        """Position, velocity and acceleration now, shapes (n,)."""
+        """Current position, velocity and acceleration, shapes (n,)."""
         return self.motion.at(self.time)
 
     @property
@@ -163,12 +161,13 @@ class SetpointTracker:
         return self.state
 
     def follow(self, dt: float, aim: ServoTarget, speed: float | Array = 1.0) -> None:
-        """Move towards a finite aim in the next `dt` > 0 s.
+        """Follow the stream, whose state after the next step is `aim`.
 
-        `speed`: share (0, 1] of the velocity limits, for all joints or per joint, shape (n,).
+        `dt`: duration of the step, > 0 s. `speed`: fraction (0, 1] of the velocity limits, for all
+        joints or for each, shape (n,).
         """
         target = np.clip(aim.position, self._low, self._high)
-        if aim.is_at_rest and self._lands(target, aim):
+        if aim.is_at_rest and self._moves_to_constant(target, aim):
             return
         fastest = self.limits.velocity * speed
         state = position, velocity, acceleration = self.state
@@ -183,11 +182,11 @@ class SetpointTracker:
             + ahead * fraction**2 * (3.0 - fraction) / dt**2
             + faster * fraction * (18.0 - fraction * (9.0 - 2.0 * fraction)) / (6.0 * dt)
         )
-        # a joint that is already past a bound must only not move farther
+        # a joint that has passed a bound must not move farther
         low, high = np.minimum(aim.low, position), np.maximum(aim.high, position)
-        # a joint beyond its jerk limit would oscillate, so it moves with full jerk to the position
-        # at which a stop from the stream would end
-        rest = target + stopping_way(self.limits, wanted)
+        # with a clipped jerk the law would oscillate, so the joint moves with full jerk to the
+        # position at which a stop from the stream would end
+        rest = target + stopping_distance(self.limits, wanted)
         upper = np.where(rest > self.motion.end, self.limits.jerk, -self.limits.jerk)
         hard = np.abs(jerk) > self.limits.jerk
         jerk = np.where(hard, upper, jerk)
@@ -195,10 +194,10 @@ class SetpointTracker:
         high = np.where(hard & (upper > 0.0), np.minimum(high, np.maximum(rest, position)), high)
         low, high = np.maximum(low, self._low), np.minimum(high, self._high)
         jerk = np.clip(jerk, _towards(-fastest, state, dt), _towards(fastest, state, dt))
-        self._take(self._stepped(state, dt, jerk, fastest, low, high), ending=False)
+        self._execute(self._stepped(state, dt, jerk, fastest, low, high), final=False)
 
     def move(self, dt: float, velocities: Array) -> None:
-        """Move with finite velocities, shape (n,), within the range, for `dt` > 0 s."""
+        """Follow commanded velocities, shape (n,), rad/s or m/s, for a step of `dt` > 0 s."""
         fastest = self.limits.velocity
         wanted = np.clip(velocities, -fastest, fastest)
         if np.all(np.abs(wanted) < MIN_SPEED_SHARE * fastest):
@@ -206,64 +205,76 @@ class SetpointTracker:
             return
         state = self.state
         jerk = _towards(wanted, state, dt)
-        self._take(self._stepped(state, dt, jerk, fastest, self._low, self._high), ending=False)
+        self._execute(self._stepped(state, dt, jerk, fastest, self._low, self._high), final=False)
 
     def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
-        """Come to rest: at a target, shape (n,), unless a plain stop is faster by over RETURN_S.
+        """Come to rest, at `target`, shape (n,), if possible.
 
-        `speed`: share (0, 1] of the velocity limits for the motion to the target.
+        Without a target, or if a plain stop is faster by over RETURN_S, stop as fast as possible.
+        `speed`: fraction (0, 1] of the velocity limits for the motion to the target.
         """
-        if self._ending:
+        if self._final:
             return
         motion = fastest_stop(self.limits, self.state)
         if target is not None:
             target = np.clip(target, self._low, self._high)
             fastest = np.maximum(speed * self.limits.velocity, np.abs(self.state[1]))
             limits = replace(self.limits, velocity=fastest)
-            there = fastest_move(limits, self.state, target)
-            if there is not None and there.duration <= motion.duration + RETURN_S:
-                motion = there
-        self._take(motion, ending=True)
+            to_target = fastest_move(limits, self.state, target)
+            if to_target is not None and to_target.duration <= motion.duration + RETURN_S:
+                motion = to_target
+        self._execute(motion, final=True)
 
-    def _lands(self, target: Array, aim: ServoTarget) -> bool:
-        """Return whether it rests at a target, or has started the final motion to it."""
-        if self._ending and float(np.abs(target - self.motion.end).max()) < ROUNDING:
+    def _moves_to_constant(self, target: Array, aim: ServoTarget) -> bool:
+        """Start the final motion to a constant target, if it is short and within the bounds.
+
+        Return whether the joints are at the target or on this motion.
+        """
+        if self._final and float(np.abs(target - self.motion.end).max()) < ROUNDING:
             return True
         motion = fastest_move(self._gentle, self.state, target)
         if motion is None or motion.duration > LANDING_S:
             return False
         low, high = motion.extent
-        here = self.state[0]
-        if np.any((low < aim.low) & (low < here)) or np.any((high > aim.high) & (high > here)):
+        position = self.state[0]
+        if np.any(low < np.minimum(aim.low, position)) or np.any(
+            high > np.maximum(aim.high, position)
+        ):
             return False
-        return self._take(motion, ending=True)
+        return self._execute(motion, final=True)
 
     def _stepped(
         self, state: State, dt: float, jerks: Array, fastest: Array, low: Array, high: Array
     ) -> JointMotion:
-        """Return a step with jerks as close as possible to `jerks`, shape (n,), and the stop."""
+        """Return a step of `dt` s with jerks close to `jerks`, shape (n,), followed by a stop.
+
+        fastest: velocity limits. low, high: bounds of the positions. All have shape (n,).
+        """
         durations, used = [], []
         rows = (*state, self.limits.acceleration, self.limits.jerk, fastest, low, high, jerks)
-        for p, v, a, most_a, most_j, speed, lowest, highest, wanted in zip(
+        for p, v, a, max_acceleration, max_jerk, speed, lowest, highest, wanted in zip(
             *(row.tolist() for row in rows), strict=True
         ):
-            joint = _Joint(dt, most_a, most_j, speed)
+            joint = _Joint(dt, max_acceleration, max_jerk, speed)
             jerk, time = joint.step((p, v, a), wanted, lowest, highest)
             stop = joint.stop(v + time * (a + time * jerk / 2.0), a + time * jerk)
             durations.append([time, *(item for item, _ in stop)])
             used.append([jerk, *(item for _, item in stop)])
         return JointMotion(state, np.array(durations), np.array(used))
 
-    def _take(self, motion: JointMotion, *, ending: bool) -> bool:
-        """Execute a motion from now on if it respects every limit and ends at rest."""
+    def _execute(self, motion: JointMotion, *, final: bool) -> bool:
+        """Execute a motion from now on if it respects all limits and ends at rest.
+
+        Return whether it does. final: value of `_final`.
+        """
         if not motion.within(self.limits):
             return False
-        self.motion, self.time, self._ending = motion, 0.0, ending
+        self.motion, self.time, self._final = motion, 0.0, final
         return True
 
 
 def _towards(wanted: Array, state: State, dt: float) -> Array:
-    """Return the jerks of a step that makes the velocities converge to `wanted`, shape (n,)."""
+    """Return jerks, shape (n,), with which the velocities converge to `wanted` in a step."""
     _, velocity, acceleration = state
     fraction = -math.expm1(-VELOCITY_POLE * dt)
     jerk: Array = -(
@@ -275,10 +286,7 @@ def _towards(wanted: Array, state: State, dt: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _Joint:
-    """One joint in a step of `dt` s with constant jerk: how long it may last before a stop.
-
-    acceleration, jerk, speed: its limits.
-    """
+    """A joint during a step of `dt` s. acceleration, jerk, speed: limits of the joint."""
 
     dt: float
     acceleration: float
@@ -286,42 +294,46 @@ class _Joint:
     speed: float
 
     def step(self, state: _State, jerk: float, low: float, high: float) -> tuple[float, float]:
-        """Return the allowed jerk nearest to `jerk` and its duration, s.
+        """Return the allowed jerk nearest to `jerk`, and its duration, s.
 
-        The duration is the whole step, or shorter if the joint must start to stop earlier.
+        The duration is less than `dt` if the joint must start its stop before the end of the step.
         """
         a = state[2]
         minimum = max(-self.jerk, (-self.acceleration - a) / self.dt)
         maximum = min(self.jerk, (self.acceleration - a) / self.dt)
         jerk = min(max(jerk, minimum), maximum)
-        if self._keeps(self.dt, jerk, state, low, high):
+        if self._respects(self.dt, jerk, state, low, high):
             return jerk, self.dt
         for good in (minimum, maximum):
-            if not self._keeps(self.dt, good, state, low, high):
+            if not self._respects(self.dt, good, state, low, high):
                 continue
             bad = jerk
             for _ in range(BISECTIONS):
                 middle = (good + bad) / 2.0
-                if self._keeps(self.dt, middle, state, low, high):
+                if self._respects(self.dt, middle, state, low, high):
                     good = middle
                 else:
                     bad = middle
-            if self._side(*_after(*state, self.dt, good)[1:]) == self._side(*state[1:]):
+            if self._direction(*_after(*state, self.dt, good)[1:]) == self._direction(*state[1:]):
                 return good, self.dt
-            break  # with this jerk for a whole step the joint would have to turn back
-        if not self._keeps(0.0, 0.0, state, low, high) and jerk * self._side(*state[1:]) < 0.0:
-            return jerk, self.dt  # it passes the bound in any case and already returns
+            break  # after a whole step with this jerk, the stop would reverse the joint
+        returns = jerk * self._direction(*state[1:]) < 0.0
+        if returns and not self._respects(0.0, 0.0, state, low, high):
+            return jerk, self.dt  # the joint passes the bound in any case, and already returns
         short, long = 0.0, self.dt
         for _ in range(BISECTIONS):
             middle = (short + long) / 2.0
-            if self._keeps(middle, jerk, state, low, high):
+            if self._respects(middle, jerk, state, low, high):
                 short = middle
             else:
                 long = middle
         return jerk, short
 
-    def _keeps(self, time: float, jerk: float, state: _State, low: float, high: float) -> bool:
-        """Return whether this jerk and the stop after it respect the speed and position limits."""
+    def _respects(self, time: float, jerk: float, state: _State, low: float, high: float) -> bool:
+        """Return whether `time` s of a jerk, and the stop after it, respect all limits.
+
+        low, high: bounds of the position.
+        """
         p, v, a = state
         _, v1, a1 = _after(p, v, a, time, jerk)
         speeds = [v1, v1 + a1 * abs(a1) / (2.0 * self.jerk)]
@@ -339,29 +351,30 @@ class _Joint:
                     return False
         return True
 
-    def _side(self, velocity: float, acceleration: float) -> float:
-        """Return the direction of a stop, 1 or -1."""
+    def _direction(self, velocity: float, acceleration: float) -> float:
+        """Return the sign of the velocity that remains when the acceleration is reduced to 0."""
         return math.copysign(1.0, velocity + acceleration * abs(acceleration) / (2.0 * self.jerk))
 
     def stop(self, velocity: float, acceleration: float) -> tuple[tuple[float, float], ...]:
-        """Return the fastest stop: three (duration in s, jerk) pairs."""
+        """Return the fastest stop as three pairs of a duration, s, and a jerk."""
         jerk = self.jerk
-        side = self._side(velocity, acceleration)
-        v, a = side * velocity, side * acceleration
+        direction = self._direction(velocity, acceleration)
+        v, a = direction * velocity, direction * acceleration
         brake, hold = math.sqrt(max(jerk * v + a * a / 2.0, 0.0)), 0.0
         if brake > self.acceleration:
             brake = self.acceleration
             hold = (v + a * abs(a) / (2.0 * jerk)) / brake - brake / jerk
-        return (max(a + brake, 0.0) / jerk, -side * jerk), (hold, 0.0), (brake / jerk, side * jerk)
+        rise, full = (max(a + brake, 0.0) / jerk, -direction * jerk), (hold, 0.0)
+        return rise, full, (brake / jerk, direction * jerk)
 
 
 def _after(p: float, v: float, a: float, t: float, j: float) -> tuple[float, float, float]:
-    """Return the state after time `t` with constant jerk."""
+    """Return the state a time `t` later, with constant jerk."""
     return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
 
 def _turn(p: float, v: float, a: float, j: float) -> float:
-    """Return the position at the next standstill of a joint that reverses there."""
+    """Return the position at which a joint with constant jerk reverses next."""
     root = math.copysign(math.sqrt(max(a * a - 2.0 * j * v, 0.0)), v)
     # use the form of the root without cancellation
     time = -(a + root) / j if a * v > 0.0 else 2.0 * v / (root - a)

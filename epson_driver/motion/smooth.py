@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooths waypoints into a motion, in one call."""
+"""The function `smooth`, which smooths waypoints into a motion."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.trajectory import Trajectory, problems
 
 MAX_MENTIONED_PROBLEMS = 3
-"""Maximum number of problems of a plan listed in an error."""
+"""Maximum number of problems of a trajectory listed in an error text."""
 
 
 def smooth(
@@ -27,12 +27,12 @@ def smooth(
     look_ahead: float = np.inf,
     planner: Callable[..., Any] | None = None,
 ) -> Trajectory:
-    """Return the smooth motion from rest to rest through waypoints, one point every `period` s.
+    """Return a smooth motion from rest to rest through waypoints, one point every `period` s.
 
     waypoints: shape (k, n), rad (or m), in the order of the joints of the limits. times: commanded
-    time of each one, shape (k,), s, respected where the limits allow it, or None: as fast as they
-    allow. The other arguments are those of `smoothed`. Raises ValueError, with point, joint, value
-    and limit, if the waypoints cannot be smoothed.
+    time of each waypoint, shape (k,), s, which is respected where the limits allow it. With None,
+    the motion is as fast as the limits allow. The other arguments are those of `smoothed`. Raises
+    ValueError if the waypoints cannot be smoothed.
     """
     from epson_driver.motion.smoothed import smoothed  # most programs need no smoother
     from epson_driver.motion.smoother import Mode, plan
@@ -42,10 +42,10 @@ def smooth(
         shape = f'(k, {len(limits.names)}), one column for each of {", ".join(limits.names)}'
         raise ValueError(f'waypoints have the shape {positions.shape}: must be {shape}')
     count = len(positions)
-    given = np.asarray(np.arange(count) * 1e3 if times is None else times, dtype=np.float64)
-    if given.shape != (count,):
-        raise ValueError(f'times have the shape {given.shape}: must be ({count},)')
-    trajectory = Trajectory(limits.names, given, positions)
+    planned = np.asarray(np.arange(count) * 1e3 if times is None else times, dtype=np.float64)
+    if planned.shape != (count,):
+        raise ValueError(f'times have the shape {planned.shape}: must be ({count},)')
+    trajectory = Trajectory(limits.names, planned, positions)
     if result := list(problems(trajectory, limits, too_fast=False)):
         more = len(result) - MAX_MENTIONED_PROBLEMS
         text = '; '.join(result[:MAX_MENTIONED_PROBLEMS])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooths a whole trajectory in one call."""
+"""Functions that smooth a whole trajectory, and reduce or retime its points."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, pairwise
@@ -19,58 +19,60 @@ from epson_driver.motion.smoother.waypoints import MIN_DWELL_S, MIN_MOVE, Waypoi
 from epson_driver.motion.trajectory import Trajectory
 
 MIN_TOLERANCE = 2.0 * MERGE_TOLERANCE
-"""Minimum tolerance: the smoother merges points half as far apart and needs this margin."""
+"""Minimum tolerance of `denoised`, rad (or m). Half of it is needed because the smoother merges
+points that are close together."""
 
 STIFFNESS = 1e3
-"""Weight of the acceleration relative to the distances: noise over about 20 points is removed."""
+"""Weight of the acceleration relative to the deviations. It removes noise over about 20 points."""
 
-HELD = 1e12
-"""Weight of points that must not move, and maximum of all weights."""
+FIXED_WEIGHT = 1e12
+"""Weight of a point that must not move, and maximum of all weights."""
 
 MAX_ROUNDS = 40
 """Maximum number of increases of the weights."""
 
 MIN_GROWTH_RATIO = 1.2
-"""Square root of the minimum factor of each increase."""
+"""Square root of the minimum factor by which a weight increases."""
 
 
 def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
-    """Return a trajectory whose points are within a tolerance, rad or m, of the given ones.
+    """Return a trajectory without the noise of a recording.
 
-    A recording has noise, and a motion through every noisy point is slower than the recording.
-    For each joint, with times in units of the mean spacing, the given points q are replaced by the
-    points p that
+    A motion through every noisy point would be slower than the recorded motion. For each joint,
+    with times in units of the mean spacing, the points q are replaced by the points p that
 
         minimise   Σ wᵢ (pᵢ - qᵢ)² + STIFFNESS · ∫ p̈² dt,
 
-    with the integral from second differences. The weights w start at 1 and grow where a point
-    deviates by more than the tolerance, until none does. A remaining excess is clipped. This is a
-    smoothing spline with bounds.
+    where the integral is computed from second differences. The weights w start at 1 and grow where
+    a point deviates by more than the tolerance, until none does. A remaining excess is clipped.
 
-    They are close enough that the smoother's motion is within it, too, in each joint. The ends,
-    and points that command a rest, are unchanged. The joints are in the order of the limits.
-    Raises ValueError if the tolerance is below MIN_TOLERANCE.
+    The smoother's motion through the points p is within `tolerance`, rad (or m), of the points q
+    in each joint. The ends, and points that command a rest, are unchanged. The joints are in the
+    order of the limits. Raises ValueError if the tolerance is below MIN_TOLERANCE.
     """
     if not tolerance >= MIN_TOLERANCE:  # NaN too
         raise ValueError(f'the tolerance {tolerance} rad must be {MIN_TOLERANCE:g} or more')
-    given = trajectory.in_order(limits.names)
-    gaps = np.diff(given.times)
+    original = trajectory.in_order(limits.names)
+    gaps = np.diff(original.times)
     if len(gaps) < 2:
-        return given
+        return original
     within = tolerance - MERGE_TOLERANCE
-    still = np.abs(np.diff(given.positions, axis=0)).max(axis=1) <= MIN_MOVE
-    rests = np.flatnonzero(still & (gaps >= MIN_DWELL_S))
-    held = np.unique(np.concatenate([[0, len(gaps)], rests, rests + 1]))
+    at_rest = np.abs(np.diff(original.positions, axis=0)).max(axis=1) <= MIN_MOVE
+    rests = np.flatnonzero(at_rest & (gaps >= MIN_DWELL_S))
+    fixed = np.unique(np.concatenate([[0, len(gaps)], rests, rests + 1]))
     diagonals = _bending(gaps / gaps.mean())
-    moved = np.stack([_joint(q, diagonals, within, held) for q in given.positions.T], axis=1)
-    moved = np.clip(moved, given.positions - within, given.positions + within)
+    moved = np.stack([_joint(q, diagonals, within, fixed) for q in original.positions.T], axis=1)
+    moved = np.clip(moved, original.positions - within, original.positions + within)
     moved = np.clip(moved, limits.position_min, limits.position_max)
-    moved[held] = given.positions[held]
-    return Trajectory(given.joint_names, given.times, moved)
+    moved[fixed] = original.positions[fixed]
+    return Trajectory(original.joint_names, original.times, moved)
 
 
 def _bending(gaps: Array) -> tuple[Array, Array, Array]:
-    """Return the diagonals of STIFFNESS times the integral, for `solve_pentadiagonal`."""
+    """Return the main and two upper diagonals of the matrix of STIFFNESS times the integral.
+
+    gaps: times between two points, in units of the mean, shape (k,).
+    """
     before, after = 1.0 / gaps[:-1], 1.0 / gaps[1:]
     here = -(before + after)
     weight = 2.0 * STIFFNESS / (gaps[:-1] + gaps[1:])
@@ -85,35 +87,40 @@ def _bending(gaps: Array) -> tuple[Array, Array, Array]:
 
 
 def _joint(
-    given: Array, diagonals: tuple[Array, Array, Array], within: float, held: Array
+    original: Array, diagonals: tuple[Array, Array, Array], within: float, fixed: Array
 ) -> Array:
-    """Return the positions of one joint, shape (k,), almost all within the tolerance."""
+    """Return the denoised positions of one joint, shape (k,). Some may exceed the tolerance.
+
+    within: the tolerance. fixed: indices of points that must not move.
+    """
     main, second, third = diagonals
-    weights = np.ones(len(given))
-    weights[held] = HELD
-    moved = given
+    weights = np.ones(len(original))
+    weights[fixed] = FIXED_WEIGHT
+    moved = original
     for _ in range(MAX_ROUNDS):
-        result = solve_pentadiagonal(main + weights, second, third, weights * given)
+        result = solve_pentadiagonal(main + weights, second, third, weights * original)
         if result is None:
             break
         moved = result
-        off = np.abs(moved - given) / within
-        if off.max() <= 1.0:
+        excess = np.abs(moved - original) / within
+        if excess.max() <= 1.0:
             break
-        weights = np.where(off > 1.0, weights * np.maximum(off, MIN_GROWTH_RATIO) ** 2, weights)
-        weights = np.minimum(weights, HELD)
+        growth = np.where(excess > 1.0, np.maximum(excess, MIN_GROWTH_RATIO) ** 2, 1.0)
+        weights = np.minimum(weights * growth, FIXED_WEIGHT)
     return moved
 
 
 MAX_STEP_S = 0.004
-"""Maximum step of the smoother, s. It plans between two steps."""
+"""Maximum step of the smoother, s, which plans between two steps."""
 
-MIN_WAYS = 2
+MIN_SEGMENTS = 2
+"""Minimum number of segments for `fastest`. The smoother is already optimal for one segment."""
 
 ROUNDING_SHARE = 1e-9
-"""Relative excess over a whole number of periods that counts as rounding."""
+"""Fraction of a period that counts as rounding when a duration is divided into periods."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
+"""Function that plans a motion of the smoother, like `smoother.plan`."""
 
 
 def smoothed(
@@ -130,18 +137,23 @@ def smoothed(
     observer: Observer | None = None,
     look: Callable[[float], None] = lambda _: None,
 ) -> Trajectory:
-    """Return the smooth motion through a trajectory's points, one point every `period` s.
+    """Return a smooth motion through a trajectory's points, one point every `period` s.
 
     The motion starts and ends at rest, at the first and the last point. Its joints are in the
-    order of the limits. The smoother gets further points while less than `look_ahead` s are known
-    to it. TIME_OPTIMAL uses only the positions. With all of them known, the motion is the fastest
-    one that `fastest` finds, and may deviate from each point except the ends by `path_tolerance`
-    rad (or m) in every joint. With `refine` False, or if `fastest` finds none, it is the fastest
-    motion on the spline. The tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise
-    (`denoised`). `catch_up` and `observer` are passed to `Smoother`. `look` is called with the
-    time of each sample, s, and may raise to end the work. Raises ValueError, with point, joint,
-    value and limit, if a trajectory cannot be smoothed or its motion would break a limit, and
-    RuntimeError if the planner raises.
+    order of the limits.
+
+    * `mode`: TIME_OPTIMAL ignores the times of the points. TIME_PRESERVING respects them where the
+      limits allow it.
+    * `look_ahead`: the smoother receives further points while it has less than this time, s.
+    * `refine`: with TIME_OPTIMAL and infinite look-ahead, return the motion of `fastest` if one is
+      found. Otherwise the motion is the fastest one on the smoother's spline.
+    * `path_tolerance`: maximum deviation from each point except the ends, rad (or m). It is used
+      by `fastest`, and with TIME_PRESERVING and infinite look-ahead by `denoised`.
+    * `planner`, `catch_up`, `observer`: passed to `Smoother`.
+    * `look`: called with the time of each sample, s. It may raise to cancel.
+
+    Raises ValueError if an argument is invalid or the motion would exceed a limit, or RuntimeError
+    if the planner raises.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')
@@ -193,14 +205,14 @@ def smoothed(
 def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:
     """Return the fastest motion through a trajectory's points, or None if none was found.
 
-    Points are merged like in the smoother.
+    Points that are close together are merged, like in the smoother.
     """
     points = Waypoints(limits, trajectory.positions[0], Mode.TIME_OPTIMAL)
     for position in trajectory.positions:
         points.append(position, None, 0.0, in_motion=False)
     points.finish()
-    if len(points.ahead) < MIN_WAYS:
-        return None  # the smoother is already optimal for a single segment
+    if len(points.ahead) < MIN_SEGMENTS:
+        return None
     waypoints = [points.origin.anchor, *(point.position for point in points.ahead)]
     return fastest(np.array(waypoints), limits, tolerance)
 
@@ -211,16 +223,20 @@ def _sampled(motion: JointMotion, limits: JointLimits, period: float) -> Traject
 
 
 def _of_samples(
-    limits: JointLimits, begin: float, period: float, samples: Sequence[tuple[Array, ...]]
+    limits: JointLimits, start: float, period: float, samples: Sequence[tuple[Array, ...]]
 ) -> Trajectory:
-    """Return a trajectory of positions, velocities and accelerations, one every `period` s."""
+    """Return a trajectory from states, one every `period` s. start: time of the first one, s."""
     columns = (np.array(column) for column in zip(*samples, strict=True))
-    times = np.asarray(begin + period * np.arange(len(samples)))
+    times = np.asarray(start + period * np.arange(len(samples)))
     return Trajectory(limits.names, times, *columns)
 
 
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
-    """Return every `parts`-th point of a motion, with one more at rest at the end if needed."""
+    """Return every `parts`-th point of a motion with evenly spaced points.
+
+    If the last point is not one of them, the position of the last point is repeated at their next
+    time.
+    """
     count = len(trajectory.times)
     chosen = np.arange(0, count + parts - 1, parts)
     period = float(trajectory.times[1] - trajectory.times[0])
@@ -236,12 +252,11 @@ def every(trajectory: Trajectory, parts: int) -> Trajectory:
 
 
 def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf) -> Trajectory:
-    """Return a trajectory's own points at the times of the time-optimal motion through them.
+    """Return a trajectory's points at the times of the time-optimal motion through them.
 
-    The points include velocities. A point that repeats the previous one is omitted. Between points
-    more than `longest` s apart, points of the motion are inserted. The motion is the one on the
-    spline, because a controller that follows these times knows no other path. Raises like
-    `smoothed`.
+    The points have velocities. A point that repeats the previous one is omitted. Between points
+    more than `longest` s apart, points of the motion are inserted. The motion is on the smoother's
+    spline. Raises like `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     times, positions = _own_points(trajectory, motion)
@@ -264,58 +279,61 @@ def thinned(
     *,
     refine: bool = True,
 ) -> Trajectory:
-    """Return few points whose straight joint-space segments are close to the smooth motion.
+    """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
-    The points are `spacing` to twice `spacing` apart, s. They are the trajectory's own points that
-    the motion passes far enough apart, and points of the motion where these are too few. They are
-    closer where a segment would deviate more than `deviation` (rad, m, any joint) from the motion.
-    The last two may be closer, too. refine: as in `smoothed`. Raises like `smoothed`.
+    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory, and
+    points of the motion where these are too far apart. They are closer where a segment would
+    deviate by more than `deviation`, rad (or m), from the motion in a joint. The last two may also
+    be closer. `mode` and `refine` are those of `smoothed`. Raises like `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
     motion = smoothed(trajectory, limits, mode, refine=refine)
     times, positions = _own_points(trajectory, motion)
-    kept = [0]
+    indices = [0]
     for index, time in enumerate(times.tolist()):
-        if time - times[kept[-1]] >= spacing:
-            kept.append(index)
+        if time - times[indices[-1]] >= spacing:
+            indices.append(index)
     last = len(times) - 1
-    if kept[-1] != last:
-        if len(kept) > 1:
-            kept.pop()
-        kept.append(last)
-    found_times, result = [times[:1]], [positions[:1]]
-    for before, index in pairwise(kept):
+    if indices[-1] != last:
+        if len(indices) > 1:
+            indices.pop()
+        indices.append(last)
+    new_times, result = [times[:1]], [positions[:1]]
+    for before, index in pairwise(indices):
         parts = max(ceil((times[index] - times[before]) / (2.0 * spacing) - 1e-9), 1)
         ends = np.linspace(times[before], times[index], parts + 1).tolist()
-        ways = [_ends_of_ways(motion, way, deviation) for way in pairwise(ends)]
-        between = list(chain.from_iterable(ways))
-        on_way = _at(np.array(between), motion.times, motion.positions)
-        on_way[-1] = positions[index]
-        found_times.append(np.array(between))
-        result.append(on_way)
-    times = np.concatenate(found_times)
+        segments = [_segment_ends(motion, segment, deviation) for segment in pairwise(ends)]
+        between = list(chain.from_iterable(segments))
+        inserted = _at(np.array(between), motion.times, motion.positions)
+        inserted[-1] = positions[index]
+        new_times.append(np.array(between))
+        result.append(inserted)
+    times = np.concatenate(new_times)
     velocities = _at(times, motion.times, motion.velocities)
     return Trajectory(limits.names, times, np.concatenate(result), velocities)
 
 
-def _ends_of_ways(
-    motion: Trajectory, way: tuple[float, float], deviation: float
+def _segment_ends(
+    motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the ends of straight segments from way[0] to way[1], s, each close to a motion."""
-    start, end = way
+    """Yield the end times, s, of straight segments that are close to a motion.
+
+    The segment is divided until no part deviates by more than `deviation`.
+    """
+    start, end = segment
     inside = motion.positions[(motion.times > start) & (motion.times < end)]
-    first, last = _at(np.array(way), motion.times, motion.positions)
+    first, last = _at(np.array(segment), motion.times, motion.positions)
     if len(inside) > 1 and _off_line(inside, first, last) > deviation:
         middle = (start + end) / 2.0
-        yield from _ends_of_ways(motion, (start, middle), deviation)
-        yield from _ends_of_ways(motion, (middle, end), deviation)
+        yield from _segment_ends(motion, (start, middle), deviation)
+        yield from _segment_ends(motion, (middle, end), deviation)
     else:
         yield end
 
 
 def _off_line(positions: Array, first: Array, last: Array) -> float:
-    """Return the largest distance of positions, (k, n), from a line segment, in any joint."""
+    """Return the largest distance of positions, shape (k, n), from a line segment in any joint."""
     along = last - first
     square = float(along @ along)
     offsets = positions - first
@@ -326,14 +344,14 @@ def _off_line(positions: Array, first: Array, last: Array) -> float:
 
 
 def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:
-    """Return the times at which a motion passes a trajectory's points, and the points.
+    """Return the times at which a motion passes a trajectory's points, s, and the points.
 
-    Repeated points are omitted.
+    Points that repeat the previous point, or are not passed after it, are omitted.
     """
     positions = trajectory.in_order(motion.joint_names).positions
     apart = np.abs(np.diff(positions, axis=0)).max(axis=1) >= MERGE_TOLERANCE
-    kept = np.concatenate([np.flatnonzero(apart), [len(positions) - 1]])  # the last of each run
-    positions = positions[kept]
+    indices = np.concatenate([np.flatnonzero(apart), [len(positions) - 1]])  # the last of each run
+    positions = positions[indices]
     _, times = passed(positions, motion)
     times[0], times[-1] = motion.times[0], motion.times[-1]
     forward = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
@@ -342,6 +360,9 @@ def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Arra
 
 
 def _at(times: Array, sampled: Array, values: Array | None) -> Array:
-    """Interpolate a motion's values, shape (k, n), linearly at times (m,): shape (m, n)."""
+    """Return values interpolated linearly at `times`, shape (m, n).
+
+    sampled, values: times and values of a motion, shapes (k,) and (k, n).
+    """
     assert values is not None  # noqa: S101 - for the type checker
     return np.stack([np.interp(times, sampled, column) for column in values.T], axis=1)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A planned trajectory, and the checks of it before it is sent."""
+"""A planned trajectory, and its checks before execution."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,33 +13,34 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Relative excess of a limit that counts as rounding. Plans are often made at the limit."""
+"""Excess of a limit that counts as rounding, relative to its range. Many plans use the limits
+fully."""
 
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
-"""Two turns, 12.6 rad. A larger angle that is also beyond its limit is treated as degrees."""
+"""Two turns, 12.6 rad. Positions beyond the limits that include a larger angle may be degrees."""
 
 BLOCK_POINTS = 2048
-"""Points per block. Intermediate results stay in the processor's cache, and their memory does not
-depend on the length of the trajectory."""
+"""Points that are checked together, so that the memory does not grow with the trajectory."""
 
 MAX_DURATION_S = 86_400.0
 """Maximum duration of an accepted trajectory, s."""
 
 MAX_POINTS = 100_000
-"""Maximum points of a motion planned here. More would take minutes to plan and check."""
+"""Maximum number of points of a sampled motion. More would take minutes to plan and check."""
 
 Mask = npt.NDArray[np.bool_]
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
-"""Suffix to the joint's unit, rad or m."""
+"""Suffix of the unit, after rad or m, by quantity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """n points of m joints, at non-negative, strictly increasing times in s from the start.
+    """A trajectory of n points of m joints.
 
-    positions: shape (n, m), rad, of prismatic joints m. velocities, accelerations: the same shape,
-    or None if the plan has none. times: shape (n,), s.
+    times: time of each point from the start, shape (n,), s, ≥ 0 and strictly increasing.
+    positions: shape (n, m), rad, or m for prismatic joints. velocities, accelerations: the same
+    shape, or None if the plan has none.
     """
 
     joint_names: tuple[str, ...]
@@ -50,11 +51,11 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Time from the start to the last point, s."""
+        """Time of the last point, s."""
         return float(self.times[-1])
 
     def in_order(self, joint_names: tuple[str, ...]) -> 'Trajectory':
-        """Return the same trajectory with its joints in another order (the same set of names)."""
+        """Return the trajectory with its joints in the order of `joint_names`."""
         if joint_names == self.joint_names:
             return self
         columns = [self.joint_names.index(name) for name in joint_names]
@@ -68,9 +69,9 @@ class Trajectory:
 
 
 def sample_times(duration: float, period: float) -> Array:
-    """Return even times from 0 to `duration`, at most `period` s apart, shape (k,).
+    """Return evenly spaced times from 0 to `duration`, at most `period` s apart, shape (k,).
 
-    Raises ValueError for more than MAX_POINTS.
+    Raises ValueError if there would be more than MAX_POINTS.
     """
     longest = MAX_POINTS * period
     if not duration <= longest:
@@ -84,13 +85,12 @@ def sample_times(duration: float, period: float) -> Array:
 def problems(
     trajectory: Trajectory, limits: JointLimits, *, too_fast: bool = True
 ) -> Iterator[str]:
-    """Yield a sentence for every reason not to execute the trajectory.
+    """Yield a sentence for every reason not to execute a trajectory.
 
-    too_fast: also check segments that take longer than planned.
-    The joints must be in the order of the limits. Each sentence names the point (counted from 0),
-    the joint, the value and the limit. For a plan in degrees only the first violation is reported.
-    Accelerations must be finite, but are not checked against a limit: the points are a plan to
-    follow, not the motion itself.
+    The joints must be in the order of the limits. A sentence names the point (counted from 0), the
+    joint, the value and the limit. If positions seem to be in degrees, only one is reported.
+    `too_fast`: also check the mean speed of each segment. Accelerations must be finite, but are
+    not checked against a limit, because the executed motion is smoothed.
     """
     if not len(trajectory.times):
         yield 'the trajectory has no points'
@@ -101,7 +101,7 @@ def problems(
         return
     low, high = limits.position_min, limits.position_max
     outside = list(_beyond(trajectory.positions, low, high, 'position', '', limits))
-    if outside and _like_degrees(trajectory.positions, limits):  # the others have the same cause
+    if outside and _like_degrees(trajectory.positions, limits):
         yield f'{outside[0]}; these look like degrees: positions are in rad'
         return
     yield from _times(trajectory)
@@ -115,9 +115,10 @@ def problems(
 
 
 def _like_degrees(positions: Array, limits: JointLimits) -> bool:
-    """Return whether angles exceed the limits as rad, but all are within them as degrees.
+    """Return whether the angles of positions seem to be in degrees.
 
-    At least one angle must exceed MAX_USUAL_ANGLE_RAD. Smaller ones are more likely errors in rad.
+    This is so if all are within the limits as degrees, and one that is beyond its limit as rad
+    also exceeds MAX_USUAL_ANGLE_RAD.
     """
     turning = np.array([unit == 'rad' for unit in limits.units])
     angles = positions[:, turning]
@@ -147,7 +148,10 @@ def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
 
 
 def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int]]:
-    """Yield point and joint of each true element of a mask, shape (some, n), of `count` points."""
+    """Yield the point and joint of each True of a mask.
+
+    `mask` returns the mask of a slice of the `count` points, with one column per joint.
+    """
     for first in range(0, count, BLOCK_POINTS):
         result = mask(slice(first, min(first + BLOCK_POINTS, count)))
         if result.any():
@@ -156,7 +160,7 @@ def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int
 
 
 def _not_after(times: Array) -> Iterator[int]:
-    """Yield the points whose time is not after the previous point's time."""
+    """Yield the index of each point whose time is not later than the previous point's."""
 
     def mask(some: slice) -> Mask:
         following = slice(some.start + 1, some.stop + 1)
@@ -206,7 +210,7 @@ def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     fastest = limits.velocity * (1.0 + LIMIT_TOLERANCE_SHARE)
 
     def speeds(some: slice) -> Array:
-        """Return the mean speeds of segments."""
+        """Return the mean speeds of segments, rad/s or m/s, one column per joint."""
         some = slice(some.start, some.stop + 1)
         return np.abs(np.diff(positions[some], axis=0)) / np.diff(times[some])[:, None]
 

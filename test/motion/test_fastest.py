@@ -63,7 +63,7 @@ def test_tiny_jerk_causes_no_overflow() -> None:
         motion = JointMotion(state, np.ones((1, 1)), np.full((1, 1), jerk))
         with np.errstate(all='raise', under='ignore'):
             (lowest,), (highest,) = motion.extent
-            speed, _, _ = motion.uses(limits)
+            speed, _, _ = motion.limit_usage(limits)
         assert (lowest, highest) == pytest.approx((0.0, 0.5))
         assert speed == pytest.approx(1.0 / limits.velocity.min())
 
@@ -215,7 +215,7 @@ def test_motion_on_the_spline_is_the_fallback(
 ) -> None:
     spline = smooth(ZIGZAG, SLOW, refine=False)
     assert smooth(ZIGZAG, SLOW).duration < spline.duration
-    monkeypatch.setattr('epson_driver.motion.fastest.MAX_WAYS', 5)
+    monkeypatch.setattr('epson_driver.motion.fastest.MAX_INTERVALS', 5)
     assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
 
 

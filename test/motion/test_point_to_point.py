@@ -318,7 +318,7 @@ def test_pieces_reproduce_the_motion() -> None:
     pieces = motion.pieces
     assert pieces.times[-1] == pytest.approx(motion.duration)
     for time, s, v, a in zip(
-        pieces.times, pieces.ways, pieces.velocities, pieces.accelerations, strict=True
+        pieces.times, pieces.distances, pieces.velocities, pieces.accelerations, strict=True
     ):
         position, velocity, acceleration = motion.at(time)
         assert position[2] == pytest.approx(s, abs=1e-12)

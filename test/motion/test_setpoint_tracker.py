@@ -19,7 +19,7 @@ from epson_driver.motion.setpoint_tracker import (
     ServoTarget,
     SetpointTracker,
     servo_limits,
-    stopping_way,
+    stopping_distance,
 )
 from epson_driver.robots import load_robot_model
 
@@ -190,7 +190,7 @@ def test_braking_far_from_the_setpoint_stops_the_joint():
     go_to(run, pose(2.0), 0.4)
     speed = run.last[1][0]
     run.tracker.brake(pose(2.0))
-    assert run.rest()[0] < run.last[0][0] + 1.01 * stopping_way(LIMITS, pose(speed))[0]
+    assert run.rest()[0] < run.last[0][0] + 1.01 * stopping_distance(LIMITS, pose(speed))[0]
     assert run.last[0][0] < 1.0
 
 
@@ -269,7 +269,7 @@ def test_servo_limits_are_scaled_and_allow_a_stop_in_time():
     np.testing.assert_allclose(limits.velocity, 0.25 * WHOLE.velocity)
     np.testing.assert_allclose(limits.jerk, 0.25 * WHOLE.jerk)
     short = servo_limits(WHOLE, 1.0, 0.1)
-    distance = stopping_way(WHOLE, short.velocity)
+    distance = stopping_distance(WHOLE, short.velocity)
     np.testing.assert_allclose(2.0 * distance / short.velocity, 0.1, rtol=1e-6)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from epson_driver.driver.servo.setpoint import Setpoint, contradiction
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.motion import Array, JointLimits
-from epson_driver.motion.setpoint_tracker import ServoTarget, stopping_way
+from epson_driver.motion.setpoint_tracker import ServoTarget, stopping_distance
 
 FIT_SPANS_S = (0.8, 0.3, 0.14)
 """Spans of setpoints that may be fitted together, s. The longest span in which the setpoints are a
@@ -215,11 +215,11 @@ class StreamFilter:
             velocity = within
         speed = np.abs(velocity)
         abrupt = np.minimum(speed, ABRUPT_MARGIN * self._abrupt)
-        way = stopping_way(limits, abrupt)
+        way = stopping_distance(limits, abrupt)
         stop = way + abrupt * (self._oldest - lag)
         # the same delay for all joints, so that they stay on their line
         back = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
-        on = np.maximum(stopping_way(limits, speed) + speed * (age - lag) - back, 0.0)
+        on = np.maximum(stopping_distance(limits, speed) + speed * (age - lag) - back, 0.0)
         low = shown.min(axis=0) - PASSED - np.where(velocity < 0.0, on, 0.0)
         high = shown.max(axis=0) + PASSED + np.where(velocity > 0.0, on, 0.0)
         position = np.clip(position, low, high) - np.sign(velocity) * back
@@ -367,7 +367,7 @@ class StreamReference:
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
         end, speed = self.at(max(time, self._times[-1]))
-        stop = end + stopping_way(limits, speed)
+        stop = end + stopping_distance(limits, speed)
         later = self._positions[bisect_right(self._times, time) :]
         shown = np.concatenate([later, position[None], stop[None]])
         low, high = shown.min(axis=0) - PASSED, shown.max(axis=0) + PASSED

@@ -86,9 +86,9 @@ class Arch:
         part = self._across
         if part is None or time >= part.end:
             return 1.0
-        if time <= part.begin:
+        if time <= part.start:
             return -1.0
-        gone, whole = part.move.at(time - part.begin)[0] - part.origin, part.move.end - part.origin
+        gone, whole = part.move.at(time - part.start)[0] - part.origin, part.move.end - part.origin
         return float(np.linalg.norm(gone) / np.linalg.norm(whole))
 
     def _one_by_one(self, start: Array, low_power: bool) -> list[Part]:
