@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process of one or more ROS 2 nodes. It runs until a signal or a failure."""
+"""The process of one or more ROS 2 nodes. It ends with a signal or a failure."""
 
 import asyncio
 import gc
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class Client(Protocol):
-    """A ClientNode, or another node that moves an arm."""
+    """Interface of an object that serves a ROS node and moves an arm, such as ClientNode."""
 
     async def run(self) -> None:
         """Serve until cancelled."""
@@ -44,11 +44,11 @@ Make = Callable[[Node], Client]
 
 
 def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_NAME) -> int:
-    """Run a node per namespace until a signal, then stop the arms, end their goals, and exit.
+    """Run a node per namespace until a signal or a failure, and return the exit code.
 
-    `make` creates the client of a node, `name` is the nodes' name. Returns 0, or 1 if a name or a
-    parameter is invalid (no arm is driven then), or if any part failed: a thread, a task or a
-    callback. In that case all arms are stopped before the process ends.
+    `make` creates the client of a node, `name` is the nodes' name. All arms are stopped and all
+    goals are ended before this returns. The exit code is 1 if a name or a parameter is invalid, or
+    if a thread, a task or a callback has failed, and otherwise 0.
     """
     nodes: list[Node] = []
     try:
@@ -80,14 +80,14 @@ class Failures:
         self.happened = asyncio.Event()
 
     def tell(self, what: str, error: BaseException) -> None:
-        """Log a failure, once, and end the process."""
+        """Log a failure, if it is new, and end the process."""
         self.happened.set()
         if not any(error is report for report in self._reported):
             self._reported.append(error)
             _log.critical('%s: stopping all arms and the driver', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handle errors that asyncio would only log. This is the loop's exception handler."""
+        """Report errors that asyncio would only log. This is the loop's exception handler."""
         error = context.get('exception')
         if error is None:
             _log.error('%s', context['message'])
@@ -108,7 +108,7 @@ class Failures:
 
 
 def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool:
-    """Create a node per namespace. Returns whether all were created. Logs the reason if not."""
+    """Create a node per namespace. Return whether all were created, and log the reason if not."""
     logger = rclpy.logging.get_logger(name)
     for namespace in namespaces:
         try:
@@ -129,7 +129,7 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
 
 
 def _run(nodes: Sequence[Node], make: Make) -> int:
-    """Serve ROS in one thread, drive the controllers in this one, and return the exit code."""
+    """Serve ROS in a separate thread, drive the arms in this one, and return the exit code."""
     raise_priority()
     signaled = asyncio.Event()
     with (
@@ -162,7 +162,7 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
 
 
 def _make_clients(nodes: Sequence[Node], clients: list[Client], make: Make) -> bool:
-    """Create the client of each node. Returns whether all were created. Logs the reason if not."""
+    """Create the client of each node. Return whether this succeeded, and log the reason if not."""
     for node in nodes:
         try:
             clients.append(make(node))
@@ -180,7 +180,7 @@ async def _drive(
     failures: Failures,
     make: Make = ClientNode,
 ) -> int:
-    """Drive until a signal or a failure, then stop all arms."""
+    """Drive the arms until a signal or a failure, then stop them. Return the exit code."""
     if not _make_clients(nodes, clients, make):
         return 1
     gc.collect()
@@ -206,7 +206,7 @@ async def _drive(
 
 
 def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
-    """Report each client that has ended without a request, which is always an error."""
+    """Report each client that has ended although nothing has requested it."""
     for task in running:
         if task.cancelled():
             failures.tell('a driver was cancelled', asyncio.CancelledError())

@@ -29,15 +29,15 @@ LEVELS = {
     Cause.ESTOP: DiagnosticStatus.ERROR,
     Cause.ERROR: DiagnosticStatus.ERROR,
 }
-"""Level per cause that keeps the arm from moving. Other causes: WARN."""
+"""Diagnostic level by the cause that inhibits motion. Other causes have the level WARN."""
 
 PERIOD_S = 1.0
 LOOKS = 10
-"""Checks per period for a new cause that keeps the arm from moving."""
+"""Number of checks per period for a changed cause that inhibits motion."""
 
 
 class Diagnostics:
-    """Builds the diagnostic array. Rates are computed since the previous build.
+    """Builds the diagnostic array. Its rates are averages since the previous one.
 
     `publishers` returns the number of publishers of a topic.
     """
@@ -52,7 +52,7 @@ class Diagnostics:
     async def run(
         self, stamp: Callable[[], Time], publish: Callable[[DiagnosticArray], None]
     ) -> None:
-        """Publish once a second, and when the cause that keeps the arm from moving changes."""
+        """Publish once a second, and when the cause that inhibits motion changes."""
         while True:
             cause = self._cause()
             publish(self.build(stamp(), _now()))
@@ -66,7 +66,7 @@ class Diagnostics:
         return None if result is None else result.cause
 
     def build(self, stamp: Time, now: float) -> DiagnosticArray:
-        """Return the message. `now` is the loop's time, s."""
+        """Return the message at loop time `now`, s."""
         message = DiagnosticArray()
         message.header.stamp = stamp
         message.status = [
@@ -118,7 +118,7 @@ class Diagnostics:
             yield f'bad frames: {field}', count
         yield 'replies nobody waited for', counted.unsolicited_replies
         if counted.reply_latencies:
-            latencies = sorted(counted.reply_latencies)  # numpy's median imports for 14 ms
+            latencies = sorted(counted.reply_latencies)  # the import of numpy's median takes 14 ms
             yield 'reply latency median [ms]', _milliseconds(latencies, 0.5)
             yield 'reply latency p99 [ms]', _milliseconds(latencies, 0.99)
 
@@ -213,9 +213,9 @@ class Diagnostics:
         )
 
 
-def _milliseconds(sorted_seconds: Sequence[float], share: float) -> str:
-    """Return the quantile for the fraction `share` of sorted values, in ms."""
-    return f'{sorted_seconds[int(share * (len(sorted_seconds) - 1))] * 1e3:.2f}'
+def _milliseconds(sorted_seconds: Sequence[float], fraction: float) -> str:
+    """Return a quantile, such as the median for a `fraction` of 0.5, as a text in ms."""
+    return f'{sorted_seconds[int(fraction * (len(sorted_seconds) - 1))] * 1e3:.2f}'
 
 
 def _now() -> float:

@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Another driver's FollowJointTrajectory action and its joints, for an event loop next to rclpy's.
+"""Access to another driver: its FollowJointTrajectory action and its joint states.
 
-All calls of rclpy run in its executor's thread. rclpy's action client registers a request only
-after sending it, so a reply processed in another thread could arrive too early and be lost.
+The caller runs in an event loop, and all calls of rclpy run in the thread of rclpy's executor.
+rclpy's action client registers a request only after sending it, so a reply that another thread
+processes could arrive too early and be lost.
 """
 
 import asyncio
@@ -26,13 +27,16 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.node.joint_reader import JointReader
 
 QUERY = 'query_state'
-"""Service that identifies joint_trajectory_controller and classes derived from it."""
+"""Service that only joint_trajectory_controller, and classes derived from it, have."""
 
 _log = logging.getLogger(__name__)
 
 
 class Downstream:
-    """An action client. Must be created in the event loop. `action`: its name, may be relative."""
+    """An action client, for use in an event loop. Must be created in that loop.
+
+    `action`: the name of the action, which may be relative.
+    """
 
     def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
         self._node = node
@@ -49,7 +53,7 @@ class Downstream:
 
     @property
     def keeps_stamps(self) -> bool:
-        """Whether it is a joint_trajectory_controller, which respects stamps of trajectories."""
+        """Whether the server is a joint_trajectory_controller, which respects header stamps."""
         service = f'{self.name.rpartition("/")[0]}/{QUERY}'
         return service in dict(self._node.get_service_names_and_types())
 
@@ -92,7 +96,7 @@ class Downstream:
         return Sent(self, handle)
 
     async def asked(self, request: Callable[[], Any]) -> Any:
-        """Send a request in the executor's thread and return the result of its future."""
+        """Call `request` in the executor's thread and return the result of its rclpy future."""
         done: asyncio.Future[Any] = self._loop.create_future()
 
         def give(future: Any) -> None:
@@ -119,7 +123,10 @@ class Downstream:
 
 
 class Sent:
-    """An accepted goal. `result` is a task for its outcome, which needs a live server."""
+    """An accepted goal. `result` is a task that returns its outcome.
+
+    The task does not end if the server ends without a result.
+    """
 
     def __init__(self, downstream: Downstream, handle: Any) -> None:
         self._downstream = downstream
@@ -151,8 +158,7 @@ class Sent:
 class ArmState:
     """State of the joints from `controller_state`, or from `joint_states` if it has no publisher.
 
-    `action`: the resolved name of the controller's action. `controller_state` has the same
-    namespace.
+    `action`: the resolved name of the driver's action. `controller_state` has the same namespace.
     """
 
     def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
@@ -178,7 +184,10 @@ class ArmState:
         self._shared.take(message.name, message.position, message.velocity, stamp, now)
 
     def of(self, limits: JointLimits, oldest: float) -> tuple[Array, Array]:
-        """Return positions and velocities, shapes (n,). Raises as `JointReader.of`."""
+        """Return positions and velocities, shapes (n,), at most `oldest` s old.
+
+        Raises GoalRejectedError like `JointReader.of`.
+        """
         own = self._own or self._node.count_publishers(self._own.topic)
         reader = self._own if own else self._shared
         return reader.of(limits.names, limits.velocity, oldest, self._loop.time())

@@ -1,11 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Converts goal requests, and serves an action whose goals are executed by a queue.
+"""Server of a ROS action whose goals are executed by a queue, and conversion of goal requests.
 
-Every request is accepted and ends once.
-
-The parts that differ between actions are parameters: the conversion of a request to a goal, the
-feedback and the result.
+Every request is accepted and ends exactly once. Invalid goals end with an error code and a reason.
 """
 
 from collections.abc import Awaitable, Callable, Sequence
@@ -35,19 +32,19 @@ from epson_driver.node.trajectory_messages import (
 from epson_driver.setup.setup import Setup
 
 MAX_START_OFFSET_S = 1.0
-"""Maximum age and lead of a stamp, s. Other goals are rejected, because the arm would move
-unexpectedly."""
+"""Maximum time from now to the start time of a goal, s, in the past and in the future. A goal with
+another start time is rejected, because the arm would move unexpectedly."""
 
 UNSUPPORTED = ('multi_dof_trajectory', 'component_path_tolerance', 'component_goal_tolerance')
-"""Fields for joints with several degrees of freedom. They must be empty."""
+"""Fields of a goal for joints with several degrees of freedom, which must be empty."""
 
 EMPTY = FollowJointTrajectory.Goal()
 
 
 class GoalRequests:
-    """Reads requests, using the current parameters. The queue checks the limits.
+    """Converts FollowJointTrajectory requests to goals, using the current parameters.
 
-    `clock`: the node's. `loop_time`: the clock of the queue's loop, s.
+    `clock`: the node's ROS clock. `loop_time`: returns the time of the driver's event loop, s.
     """
 
     def __init__(self, setup: Setup, clock: Clock, loop_time: Callable[[], float]) -> None:
@@ -57,7 +54,10 @@ class GoalRequests:
         self._loop_time = loop_time
 
     def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
-        """Return the goal of a request with checked names and stamps. Raises GoalRejectedError."""
+        """Return the goal of a request. The queue checks the joint limits later.
+
+        Raises GoalRejectedError if a name, a stamp or a tolerance is invalid.
+        """
         check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, self._limits.names)
         if self._setup.values['timing'] == 'time_optimal':
@@ -78,13 +78,13 @@ class GoalRequests:
         )
 
     def _tolerances(self, given: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
-        """Return a field's tolerances. The default is `constraints.<joint>.<kind>`."""
+        """Return the tolerances in a field. Defaults: parameters `constraints.<joint>.<kind>`."""
         usual = self._setup.tolerances(kind).position
         return tolerances_from_messages(given, field, self._limits.names, usual)
 
 
 def check_unsupported(request: FollowJointTrajectory.Goal) -> None:
-    """Raise GoalRejectedError for an unsupported field that is not empty."""
+    """Raise GoalRejectedError if an unsupported field is not empty."""
     for field in UNSUPPORTED:
         if getattr(request, field) != getattr(EMPTY, field):
             raise GoalRejectedError(
@@ -96,9 +96,10 @@ def check_unsupported(request: FollowJointTrajectory.Goal) -> None:
 def start_time(
     stamp: Time, duration: float, clock: Clock, loop_time: Callable[[], float]
 ) -> float:
-    """Return the start of a trajectory of `duration` s by the loop's clock, s, 0 for immediately.
+    """Return the start time of a trajectory on the loop's clock, s, or 0 to start immediately.
 
-    Raises GoalRejectedError for a stamp too far ahead, or too old.
+    duration: of the trajectory, s. Raises GoalRejectedError if the stamp is too old or too far in
+    the future.
     """
     if stamp == Time():
         return 0.0
@@ -123,13 +124,13 @@ CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could
 
 
 class Queue(Protocol):
-    """Interface of a queue of goals. Its methods are called in the loop."""
+    """Interface of a queue of goals. Its methods are called in the driver's event loop."""
 
     def submit(self, handle: Any) -> None:
-        """Execute a goal, which reports its end."""
+        """Execute a goal, and report its outcome to the handle."""
 
     def cancel(self, handle: Any) -> None:
-        """End a submitted goal."""
+        """Cancel a submitted goal."""
 
 
 OnEnd = Callable[[Outcome], None]
@@ -139,11 +140,13 @@ OnEnd = Callable[[Outcome], None]
 class ActionType:
     """The parts that differ between actions.
 
-    kind: the ROS type. name: for example `~/follow_joint_trajectory`. prepare: reads and checks a
-    request in the executor. It returns a function from the callback for the outcome to a goal for
-    the queue, and may raise GoalRejectedError. Its planning scope ends when the goal is canceled,
-    which interrupts long planning. result: converts an outcome to the action's result.
-    result_timeout: time for which a result is stored for late requests, s.
+    * kind: the ROS type of the action.
+    * name: for example `~/follow_joint_trajectory`.
+    * prepare: checks a request, and returns a function that creates the handle for the queue from
+      the callback for the outcome. It runs in the executor, and may raise GoalRejectedError.
+      Canceling the goal ends its planning scope, and thereby a long planning.
+    * result: converts an outcome to the action's result.
+    * result_timeout: time for which a result is stored for late requests, s.
     """
 
     kind: Any
@@ -155,14 +158,14 @@ class ActionType:
 
 @dataclass(eq=False)
 class _Request:
-    """A goal without a result. handle: None during preparation."""
+    """A goal that has no result yet. handle: None until it is prepared."""
 
     plan: PlanningScope
     handle: Any = None
 
 
 class GoalAction:
-    """Serves an action over a queue of goals."""
+    """Serves an action whose goals a queue executes."""
 
     def __init__(self, action: ActionType, queue: Queue, bridge: LoopBridge) -> None:
         self._logger = bridge.node.get_logger()
@@ -176,7 +179,7 @@ class GoalAction:
             action.kind,
             action.name,
             self._execute,
-            goal_callback=lambda goal: GoalResponse.ACCEPT,  # a rejected one needs a result
+            goal_callback=lambda goal: GoalResponse.ACCEPT,  # only accepted goals have a result
             cancel_callback=self._cancel,
             callback_group=bridge.group,
             goal_service_qos_profile=REQUEST_QOS,
@@ -191,7 +194,7 @@ class GoalAction:
         return bool(self._requests)
 
     async def _execute(self, ros_handle: ServerGoalHandle) -> Any:
-        """Pass a goal to the driver and wait for its outcome."""
+        """Execute a goal and return its result."""
         key = bytes(ros_handle.goal_id.uuid)
         self._requests[key] = request = _Request(PlanningScope())
         try:
@@ -214,7 +217,10 @@ class GoalAction:
         return self._action.result(outcome)
 
     async def _outcome(self, request: _Request, ros_handle: ServerGoalHandle) -> Outcome:
-        """Return how a goal ended. Raises GoalRejectedError, DriverEndedError."""
+        """Prepare and submit a goal, and return its outcome.
+
+        Raises GoalRejectedError if it is rejected, DriverEndedError if the driver has ended.
+        """
         if ros_handle.is_cancel_requested:
             return CANCELED
         prepared = await self._action.prepare(ros_handle, request.plan)
@@ -244,9 +250,9 @@ class GoalAction:
 
 
 def log_outcome(logger: RcutilsLogger, outcome: Outcome) -> None:
-    """Log how a goal ended."""
+    """Log the end of a goal."""
     text = outcome_line(outcome)
-    if outcome.end is End.SUCCEEDED:  # a line each: rclpy allows a line one severity
+    if outcome.end is End.SUCCEEDED:  # two calls, because rclpy allows one severity per call
         logger.info(text)
     else:
         logger.warning(text)

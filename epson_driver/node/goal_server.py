@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals from ROS: the action `~/follow_joint_trajectory` and the two topics of trajectories.
+"""Goals from ROS: the action `~/follow_joint_trajectory` and the two topics for trajectories.
 
-Each request is converted to a checked goal (goal_action.py) and passed to the driver's goal
-queue, which reports feedback and the outcome.
+Each request is converted to a goal (goal_action.py) and passed to the driver's goal queue, which
+reports feedback and the outcome.
 """
 
 import asyncio
@@ -31,13 +31,13 @@ from epson_driver.node.messages import error_text
 from epson_driver.node.trajectory_messages import duration_in_s
 
 MAX_GAP_S = 0.3
-"""Maximum time between two points of a stream, s."""
+"""Maximum time between two messages of a stream, s."""
 
 MIN_POINTS = 3
-"""Number of consecutive points that make a stream."""
+"""Number of consecutive messages that count as a stream."""
 
 MAX_WINDOW_S = 0.5
-"""Maximum duration of a trajectory that counts as a window of a stream, s."""
+"""Maximum duration of a window, a short trajectory that is part of a stream, s."""
 
 WARNING = (
     'single points or short windows arrive as a stream: here each is a separate goal, which '
@@ -47,12 +47,12 @@ WARNING = (
 
 
 class PointStreams:
-    """Detects streams of single points, and of windows, sent to a topic for goals.
+    """Detects setpoint streams, of single points or windows, on a topic for goals.
 
-    Each message is a normal goal, which replaces the running one after the arm has come to rest. A
-    stream of them makes the arm move in short jerks and fall behind. A single point is
-    indistinguishable from a goal, and the arm is already moving when the next one arrives.
-    Therefore a stream is not followed here, but its sender is warned once. Times are monotonic, s.
+    Each message is executed as a goal, which replaces the running one after the arm has come to
+    rest. Therefore the arm moves in short jerks and falls behind a stream. The stream cannot be
+    followed here, because its first message looks like a goal and the arm already moves when the
+    next one arrives. Instead, the sender is warned once per stream. Times are monotonic, s.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class PointStreams:
     def record_and_check(self, points: int, duration: float, now: float) -> str | None:
         """Record a trajectory of `points` points that takes `duration` s.
 
-        Returns the warning once for each stream, otherwise None.
+        Return the warning once for each stream, otherwise None.
         """
         short = points == 1 or duration <= MAX_WINDOW_S
         follows = short and now - self._last < MAX_GAP_S
@@ -79,9 +79,9 @@ class Throttle:
         self._next = 0.0
 
     def passes(self, time: float, rate: float) -> bool:
-        """Return whether to pass the sample at this time: the first one in each 1/`rate` s.
+        """Return whether to pass the sample at `time`, as the first one in a period of 1/`rate` s.
 
-        Periods are contiguous regardless of the sample times, so the mean rate is correct.
+        A period starts at the end of the last one, not at a sample, so the mean rate is correct.
         """
         if time < self._next:
             return False
@@ -91,8 +91,8 @@ class Throttle:
 
 
 IDLE_PERIOD_S, MAX_PERIOD_S = 0.04, 0.5
-"""Longest period of ~/controller_state, s: without a goal, and with a goal at a lower
-action_monitor_rate. The panel and smooth_goals read the arm's joints from it."""
+"""Maximum period of ~/controller_state, s, without a goal, and during a goal whatever the
+action_monitor_rate. The panel and smooth_goals read the arm's joints from this topic."""
 
 RESULT_TIMEOUT_S = 60
 """Time for which a goal and its result are stored for late requests, s. rclpy's default of 15
@@ -102,7 +102,7 @@ TRAJECTORY_TOPICS = ('~/joint_trajectory', 'joint_path_command')
 
 
 class GoalServer:
-    """Serves goals over a driver. Must be created in the driver's event loop."""
+    """Passes goals from ROS to a driver. Must be created in the driver's event loop."""
 
     def __init__(self, context: NodeContext, commands: ArmCommands) -> None:
         node = context.node
@@ -157,7 +157,7 @@ class GoalServer:
         return partial(GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        """Execute a trajectory from a topic, or stop the arm if it has no points."""
+        """Handle a trajectory from a topic, and log why it is not executed."""
         try:
             self.take_trajectory(message)
         except GoalRejectedError as rejection:
@@ -168,7 +168,10 @@ class GoalServer:
             self._bridge.failed('receiving a trajectory', error)
 
     def take_trajectory(self, message: JointTrajectory) -> None:
-        """Submit a trajectory from a topic. Raises GoalRejectedError, DriverEndedError."""
+        """Submit a trajectory from a topic, or stop the arm if it has no points.
+
+        Raises GoalRejectedError if it is invalid, DriverEndedError if the driver has ended.
+        """
         if not message.points:
             self._bridge.to_loop(self._begin_stop)
             return
@@ -191,7 +194,7 @@ class GoalServer:
             ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
 
     def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
-        """Publish `~/controller_state` at `action_monitor_rate` and return its stamp, if due."""
+        """Publish `~/controller_state` if it is due by `action_monitor_rate`. Return its stamp."""
         if not self._feedback_throttle.passes(sample.time, self._values['action_monitor_rate']):
             return None
         stamp = self._clock.now().to_msg()
@@ -200,7 +203,7 @@ class GoalServer:
         return stamp
 
     def on_joints(self, sample: JointSample, stamp: Time) -> None:
-        """Publish `~/controller_state` without a plan, unless a goal publishes it."""
+        """Publish the measured joints on `~/controller_state`, unless a goal publishes it."""
         period = IDLE_PERIOD_S if self._queue.execution is None else MAX_PERIOD_S
         late = sample.time - self._published >= period
         if late and self._controller_state.get_subscription_count():

@@ -27,7 +27,7 @@ from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
-    """Publishes the I/O states and serves requests. Must be created in the driver's loop."""
+    """Publishes the I/O states and serves I/O requests. Must be created in the driver's loop."""
 
     def __init__(self, context: NodeContext) -> None:
         self._io = context.driver.io
@@ -95,7 +95,7 @@ class IoInterface:
 
 
 def refusal(command: Command) -> str:
-    """Return why a command is rejected, or ''."""
+    """Return why a gripper command is rejected, or '' if it is accepted."""
     if not math.isfinite(command.position):
         return f'position = {command.position}: must be finite'
     if not command.max_effort <= 0.0:
@@ -107,11 +107,11 @@ def refusal(command: Command) -> str:
 
 
 class GripperServer:
-    """Serves `~/gripper_cmd` over a driver's I/O. Must be created in the driver's event loop.
+    """Serves the action `~/gripper_cmd` with a driver's I/O. Must be created in the driver's loop.
 
-    It has the type GripperCommand of control_msgs, which MoveIt's simple controller manager uses.
-    The gripper is opened and closed by two outputs: a position above half of its stroke opens it,
-    others close it.
+    Its type is GripperCommand of control_msgs, which MoveIt's simple controller manager uses. Two
+    outputs open and close the gripper: a position above half of the stroke opens it, any other
+    closes it.
     """
 
     def __init__(self, context: NodeContext, wiring: GripperWiring) -> None:

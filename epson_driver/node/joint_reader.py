@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states by name, from a topic that only the driver should publish.
 
-rclpy does not report the publisher of a message. Two publishers are detected by their difference:
-a joint moves faster than possible between two messages.
+rclpy does not report the publisher of a message. Two publishers are detected because their
+positions differ: a joint seems to move faster than possible between two messages.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,11 +20,11 @@ from epson_driver.node.trajectory_messages import duration_in_s
 
 MIN_ELAPSED_S = 0.001
 MAX_POSITION = 1e6
-"""Larger values, rad or m, are as invalid as NaN."""
+"""Maximum absolute position, rad or m. A larger one is as invalid as NaN."""
 
 
 class Joint(NamedTuple):
-    """State of a joint. Times: s. received: on the reader's clock, stamp: on the sender's."""
+    """State of a joint. received: time on the reader's clock, s. stamp: on the sender's, s."""
 
     received: float
     stamp: float
@@ -40,7 +40,7 @@ class JointReader:
         self._joints: dict[str, Joint] = {}
         self._fastest: dict[str, float] = {}
         self._fastest_before: dict[str, float] = {}
-        """Highest speeds since `_since`, and in the DISTRUST_TIME_S before it or more, /s."""
+        """Highest speeds in the period before `_since`, per s. `_fastest` has those after it."""
         self._since = 0.0
 
     def __bool__(self) -> bool:
@@ -81,8 +81,8 @@ class JointReader:
     ) -> tuple[Array, Array]:
         """Return positions and velocities of joints, shapes (n,), at most `oldest` s old.
 
-        `limits`: maximum velocities, /s. Raises GoalRejectedError with the name of a joint that is
-        missing, older, or jumps.
+        `limits`: maximum velocities, per s. Raises GoalRejectedError if a joint is missing, older,
+        or jumps.
         """
         result = []
         for name, limit in zip(names, limits, strict=True):

@@ -42,21 +42,21 @@ answered. 1000 is the depth of rclpy's own parameter services. KEEP_ALL has no b
 does not read its replies could block the thread that sends them, and ~/stop with it."""
 
 TURNS = 4
-"""Consecutive executor turns without a request after which no request is pending."""
+"""Number of consecutive executor turns without a request after which none is pending."""
 
 TAKEN_TIMEOUT_S = 0.5
-"""Timeout for these turns, s. A client may send requests continuously."""
+"""Timeout of `LoopBridge.all_taken`, s, because a client may send requests continuously."""
 
 RESULTS_TIMEOUT_S = 0.3
 """Timeout for sending results when the process ends, s."""
 
 RESULTS_LINGER_S = 0.2
-"""Time to wait for their reception before exiting, s. Shared memory ends with its process, and rmw
-does not acknowledge service responses, which include results."""
+"""Time for clients to receive the results before the process exits, s. Shared memory ends with
+the process, and rmw does not acknowledge service responses, which include results."""
 
 T = TypeVar('T')
 ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
-"""Takes a request and an empty response of the service's type, and returns the response."""
+"""Function that takes a request and an empty response, and returns the response."""
 
 
 class DriverEndedError(RuntimeError):
@@ -67,10 +67,10 @@ class DriverEndedError(RuntimeError):
 
 
 class LoopBridge:
-    """Passes the requests of one node to the loop. Must be created in the driver's event loop.
+    """Passes the requests of one node to the driver's event loop. Must be created in that loop.
 
-    `context`: the node's context in that loop. `fault` is called in the loop with the reason when
-    a request fails unexpectedly. `then` describes its effect.
+    `context`: contextvars that identify the node's logger. `fault` is called in the loop, with
+    the reason, when a request fails unexpectedly. `then` describes the effect of `fault`.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class LoopBridge:
             service.callback = _answering(service, node.get_logger())
 
     def create_service(self, kind: Any, name: str, serve: ServiceCallback) -> None:
-        """Offer a service whose response has `success` and `message`."""
+        """Create a service whose response has `success` and `message`."""
 
         async def answer(request: Any, response: Any) -> Any:
             try:
@@ -112,7 +112,7 @@ class LoopBridge:
         )
 
     def failed(self, what: str, error: BaseException) -> str:
-        """Log an error, schedule `fault`, and return the error text. Callable in any thread."""
+        """Log an unexpected error, schedule `fault`, and return a text. Callable in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
         self.node.get_logger().error(f'{why}, {self._then}\n{trace}')
@@ -125,7 +125,8 @@ class LoopBridge:
     def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
         """Schedule a function in the loop's thread and in this node's context.
 
-        Raises DriverEndedError. The loop's exception handler receives exceptions of the function.
+        Raises DriverEndedError if the loop is closed. The loop's exception handler receives
+        exceptions of the function.
         """
         try:
             self._loop.call_soon_threadsafe(_call, function, arguments, context=self._context)
@@ -133,14 +134,14 @@ class LoopBridge:
             raise DriverEndedError from error
 
     def hand_over(self, request: Callable[..., object], *arguments: object) -> None:
-        """Call a function that may move the arm in the loop. `all_taken` waits for such calls."""
+        """Schedule a function that may move the arm, like `to_loop`. `all_taken` waits for it."""
         self._handed_over += 1
         self.to_loop(request, *arguments)
 
     async def in_loop(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the driver's loop and wait for it in rclpy's executor.
 
-        Raises the exceptions of the coroutine, and DriverEndedError.
+        Raises the exceptions of the coroutine, and DriverEndedError if the driver ends.
         """
         done = self.create_future()
 
@@ -160,7 +161,10 @@ class LoopBridge:
         return answer
 
     def create_future(self) -> Future:
-        """Return an rclpy future for `wait_for` and `resolve`. Raises DriverEndedError."""
+        """Return an rclpy future for `wait_for` and `resolve`.
+
+        Raises DriverEndedError if the driver has ended.
+        """
         future = Future()
         with self._lock:
             if self._ended:
@@ -187,8 +191,8 @@ class LoopBridge:
     async def all_taken(self) -> None:
         """Wait, in the loop, until the executor has passed on all requests received before.
 
-        The executor accepts one request of each action per turn and reads it in the next, and it
-        runs newer tasks before older ones.
+        This takes several turns of the executor. It accepts one request of each action per turn,
+        reads it in the next turn, and runs newer tasks before older ones.
         """
         executor, turns = self.node.executor, 0
         with contextlib.suppress(TimeoutError):
@@ -202,8 +206,8 @@ class LoopBridge:
     async def results_sent(self, is_busy: Callable[[], bool], *, busy: bool) -> None:
         """Wait, in the loop, until the results of goals are sent, before ROS is shut down.
 
-        busy: whether goals existed when the shutdown started. is_busy: whether a goal has no
-        result. Raises TimeoutError after RESULTS_TIMEOUT_S.
+        busy: whether goals existed when the shutdown started. is_busy: returns whether a goal has
+        no result yet. Raises TimeoutError after RESULTS_TIMEOUT_S.
         """
         executor = self.node.executor
         async with asyncio.timeout(RESULTS_TIMEOUT_S):
@@ -217,7 +221,7 @@ class LoopBridge:
             await asyncio.sleep(RESULTS_LINGER_S)
 
     def end(self) -> None:
-        """Set DriverEndedError on all pending futures, because the loop has ended."""
+        """Resolve all pending futures with DriverEndedError, after the end of the loop."""
         with self._lock:
             self._ended = True
             left = list(self._futures)
@@ -245,7 +249,7 @@ class NodeContext:
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
-    """Call a function. If it raises, report the exception to the exception handler of the loop."""
+    """Call a function, and report its exception to the exception handler of the loop."""
     try:
         function(*arguments)
     except Exception as error:  # noqa: BLE001 - it is reported
@@ -253,10 +257,10 @@ def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> Non
 
 
 def _answering(service: Service, logger: RcutilsLogger) -> Callable[..., Any]:
-    """Return a callback for an rclpy service that answers even if the original one raises.
+    """Return a callback for rclpy's own services that answers even if the original one raises.
 
-    set_parameters raises ValueError for an invalid type, which any peer may send. The driver is
-    unaffected by it, so the arm keeps running.
+    For example, rclpy's set_parameters raises ValueError if a peer sends an invalid type. The
+    driver is unaffected by such errors, so the arm is not stopped.
     """
     serve = service.callback
 

@@ -38,12 +38,12 @@ def outcome_text(outcome: Outcome) -> str:
 
 
 def error_text(error: CommandError) -> str:
-    """Return why a command failed, and the remedy."""
+    """Return the reason why a command failed, and the remedy."""
     return with_remedy(str(error), error.remedy, WORDS)
 
 
 class JointStateWriter:
-    """Reuses one JointState. Names are set once, numbers for each sample."""
+    """Writes joint samples to one reused JointState message."""
 
     def __init__(self, joint_names: Sequence[str], frame_id: str = '') -> None:
         zeros = [0.0] * len(joint_names)
@@ -54,7 +54,7 @@ class JointStateWriter:
         self._velocities = np.frombuffer(message.velocity)
 
     def write(self, sample: JointSample, stamp: Time) -> JointState:
-        """Return the message, valid until the next call. Values are measured."""
+        """Return the message for a measured sample, valid until the next call."""
         message = self._message
         message.header.stamp = stamp
         self._positions[:] = sample.positions
@@ -63,7 +63,7 @@ class JointStateWriter:
 
 
 class RobotStatusWriter:
-    """Reuses one RobotStatus, because most STATUS messages repeat the last one."""
+    """Converts STATUS to RobotStatus, reusing the last message for an unchanged STATUS."""
 
     def __init__(self) -> None:
         self._status = Status()
@@ -111,7 +111,7 @@ def feedback(
 def controller_state(
     execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the same values as joint_trajectory_controller's state message."""
+    """Return the state message of a running goal, like that of joint_trajectory_controller."""
     message = JointTrajectoryControllerState()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
@@ -128,7 +128,7 @@ def controller_state(
 def idle_state(
     names: Sequence[str], sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the measured state of the arm, without a plan."""
+    """Return the state message without a running goal, which has only the measured state."""
     message = JointTrajectoryControllerState(speed_scaling_factor=1.0)
     message.joint_names = list(names)
     message.header.stamp = stamp

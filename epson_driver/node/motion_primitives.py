@@ -42,7 +42,7 @@ from epson_driver.tool_motion.motion_sequence import (
 from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
 MAX_PRIMITIVES = 256
-"""The feedback's current_primitive_index is a uint8."""
+"""Maximum number of motions, because the feedback's current_primitive_index is a uint8."""
 
 UNIT_TOLERANCE = 1e-3
 """Maximum deviation of a quaternion's length from 1."""
@@ -54,7 +54,8 @@ ARGUMENTS: dict[str, Rule] = {
     'acceleration': number(1e-4, 100_000.0, 'rad/s² or m/s²'),
     'move_time': number(0.0, 3600.0, 's'),
 }
-"""Units: joints rad or m, tool m. A nonzero move_time replaces the other arguments."""
+"""Additional arguments of a motion. Units: rad or m for joints, m for the tool. A nonzero
+move_time replaces the other arguments."""
 
 _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIMESTAMP)
 
@@ -62,9 +63,9 @@ _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIM
 def primitives_from_message(
     message: MotionPrimitiveSequence, limits: JointLimits, frame: str
 ) -> list[Primitive]:
-    """Return the motions of a message, with joints in the order of `limits`, poses in `frame`.
+    """Return the motions of a message, whose joints are in the order of `limits`.
 
-    Raises GoalRejectedError INVALID_GOAL.
+    frame: the frame that poses must have. Raises GoalRejectedError if a motion is invalid.
     """
     count = len(message.motions)
     if not 0 < count <= MAX_PRIMITIVES:
@@ -190,11 +191,11 @@ RETIMED = (
 RESTS = 'must be 0: over Remote Ethernet alone the arm stops after each motion, without timing'
 
 HALF_STEP_S = 1e-4
-"""Time tolerance, s. The end of a motion is the first point later than its time minus this."""
+"""Tolerance for the time of the point at which a motion ends, s."""
 
 
 class ToolBusyError(RuntimeError):
-    """The tool cannot change, because a sequence is planned or running with it."""
+    """The tool cannot be changed, because a sequence is being planned or executed with it."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -204,7 +205,7 @@ class ToolBusyError(RuntimeError):
 
 
 class MotionPrimitives:
-    """Serves the action over a driver. Must be created in the driver's event loop."""
+    """Serves the action with a driver. Must be created in the driver's event loop."""
 
     def __init__(self, context: NodeContext, goals: GoalServer) -> None:
         self._setup = context.setup
@@ -213,7 +214,7 @@ class MotionPrimitives:
         self._goals = goals
         self._bridge = context.bridge
         self.kinematics = Kinematics(self._setup.model)
-        """Kinematics with the tool to which poses refer."""
+        """Kinematics of the arm with the current tool, to which poses refer."""
         self._tool = np.eye(4)
         action = ActionType(
             ExecuteMotionPrimitiveSequence,
@@ -232,16 +233,16 @@ class MotionPrimitives:
     # --- from ROS: in the executor's thread -------------------------------------------------
 
     def set_tool(self, pose: Array) -> None:
-        """Set the tool for the poses of later sequences: (4, 4), m, in tool0.
+        """Set the tool for later sequences. pose: in tool0, shape (4, 4), m.
 
-        Raises ToolBusyError while a sequence is planned or running, because it keeps its tool.
+        Raises ToolBusyError if a sequence is being planned or executed.
         """
         if self.busy:
             raise ToolBusyError
         self.kinematics, self._tool = Kinematics(self._setup.model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
-        """Send a payload, kg, with each motion. Returns whether the controller supports it."""
+        """Set the payload, kg, that is sent with each motion. Return whether this is supported."""
         if self._driver.statements is None:
             return False
         self._driver.statements.load = Load(mass) if mass else None
@@ -250,7 +251,10 @@ class MotionPrimitives:
     async def _prepare(
         self, ros_handle: ServerGoalHandle, plan: PlanningScope
     ) -> Callable[[OnEnd], GoalHandle]:
-        """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
+        """Check and plan a sequence, and return a function that creates its handle.
+
+        Raises GoalRejectedError if it is rejected, DriverEndedError if the driver has ended.
+        """
         if self._setup.values['timing'] == 'time_optimal':
             raise _invalid(RETIMED)
         primitives = primitives_from_message(
@@ -271,9 +275,10 @@ class MotionPrimitives:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def standing(self, plan: PlanningScope) -> Array:
-        """Return the joint positions at rest. The planning scope ends if motion becomes inhibited.
+        """Return the joint positions from which a motion can be planned, shape (n,).
 
-        Raises GoalRejectedError unless a motion may start now.
+        A stop, or any other event that inhibits motion, cancels `plan`. Raises GoalRejectedError
+        if no motion may start now.
         """
         self._queue.plans.begin(plan)
         self._queue.check(Purpose.ALONE, asyncio.get_running_loop().time())
@@ -283,9 +288,10 @@ class MotionPrimitives:
         return self._queue.ready_sample(now).positions
 
     async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
-        """Plan from the current position, in a thread. Raises GoalRejectedError.
+        """Plan a sequence from the current position, in a thread.
 
-        Canceling the goal, or any other end of the scope, interrupts the planning.
+        The end of the scope interrupts the planning. Raises GoalRejectedError if no motion may
+        start now, or the sequence cannot be executed.
         """
         start = await self.standing(plan)
         try:
@@ -325,9 +331,10 @@ def sequence_statement(
     planned: PlannedSequence,
     statements: StatementDelivery,
 ) -> str:
-    """Return a planned sequence as statements for one `$Execute`, with a rest after each.
+    """Return a planned sequence as SPEL+ statements for one `$Execute` of Remote Ethernet.
 
-    tool: in the flange, shape (4, 4), m. Raises GoalRejectedError if statements cannot express it.
+    The arm stops after each statement. tool: in the flange, shape (4, 4), m. Raises
+    GoalRejectedError if statements cannot express the sequence.
     """
     texts, trajectory = [], planned.trajectory
     ends = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)

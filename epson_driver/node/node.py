@@ -43,11 +43,11 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
 PERIOD_S = 0.05
-"""Time between two published values of a ramp, s."""
+"""Time between two published values while the speed scaling ramps, s."""
 
 
 class SpeedScalingInterface:
-    """Publishes the factor on changes, serves requests. Must be created in the driver's loop."""
+    """Publishes and sets the speed scaling. Must be created in the driver's loop."""
 
     def __init__(self, context: NodeContext) -> None:
         self._goals = context.driver.goal_queue
@@ -90,7 +90,7 @@ class SpeedScalingInterface:
 
 
 LOOK_PERIOD_S = 0.25
-"""Polling period, s. rclpy has no events for graph changes."""
+"""Polling period of the search for namesakes, s. rclpy has no events for graph changes."""
 
 DISCOVERY_S = 2.0
 """Time within which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
@@ -100,7 +100,10 @@ FAST_DDS = bytes((1, 15))
 
 
 class Namesakes:
-    """Finds namesakes in the ROS graph. Must be created after the services of the node."""
+    """Finds other nodes with this node's name, or with a service of the same name.
+
+    Must be created after the services of the node.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -110,7 +113,7 @@ class Namesakes:
         ]
 
     def __call__(self) -> str:
-        """Return their name and processes as a clause, or '' if none exist."""
+        """Return the common name and the processes of such nodes as a clause, or '' if alone."""
         node = self._node
         name = next((item for item in self._names if node.handle.get_count_services(item) > 1), '')
         own = (node.get_name(), node.get_namespace())
@@ -119,7 +122,7 @@ class Namesakes:
         return (name or node.get_fully_qualified_name()) + self._processes(name)
 
     def _processes(self, service: str) -> str:
-        """Return the processes of the other nodes, as identified by Fast DDS GUIDs."""
+        """Return the processes of other nodes with this service, if their DDS is Fast DDS."""
         result: list[Any] = self._node.get_subscriptions_info_by_topic(
             f'rq{service}Request', no_mangle=True
         )
@@ -188,7 +191,7 @@ class ClientNode:
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
     async def run(self) -> None:
-        """Drive the controller until cancelled. Raises the error of a part that failed."""
+        """Run the driver until cancelled. Raises the exception of a part that failed."""
         parts = {
             'the driver': self.driver.run,
             'diagnostics': self._publish_diagnostics,
@@ -198,7 +201,7 @@ class ClientNode:
         await self._loop.create_task(together, context=self._context)
 
     async def shut_down(self) -> None:
-        """Stop the arm, and wait until all results are sent, before ROS is shut down.
+        """Stop the arm, and wait until the results of all goals are sent.
 
         Raises TimeoutError after RESULTS_TIMEOUT_S.
         """
@@ -263,9 +266,10 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply changes. Returns why they are invalid, or ''. Raises TraceError, DriverEndedError.
+        """Apply changes, and return '', or return why they are invalid.
 
-        rclpy has already checked ranges and read-only flags from the descriptors.
+        rclpy has already checked ranges and read-only flags from the descriptors. Raises
+        TraceError if a trace file cannot be created, DriverEndedError if the driver has ended.
         """
         values = {
             parameter.name: parameter.value
@@ -274,7 +278,7 @@ class ClientNode:
         }
         if why := parameters.rejection(changes):
             return why
-        self._context.copy().run(self._tracing.change, values)  # the loop is in the first
+        self._context.copy().run(self._tracing.change, values)  # the loop uses the original
         self._parameters.update(values)
         self._bridge.to_loop(self._setup.apply, self.driver)
         return ''

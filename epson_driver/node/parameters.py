@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 def descriptor(row: Row) -> ParameterDescriptor:
-    """Return a row as shown by `ros2 param describe`."""
+    """Return the descriptor of a parameter, as shown by `ros2 param describe`."""
     shown_row = ParameterDescriptor(
         description=row.description + ('' if row.now else ' Read at the start.'),
         read_only=not row.now,
@@ -48,9 +48,8 @@ def descriptor(row: Row) -> ParameterDescriptor:
 def declare(node: Node) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
-    Values of the controller's profile, and the robot model's joint names, are the defaults. Raises
-    InputError with the parameter, its value and the allowed values, such as the available profiles
-    or models. Raises rclpy's ParameterException for values that rclpy checks.
+    The controller's profile and the robot model determine some of the defaults. Raises InputError
+    if a value is invalid, or rclpy's ParameterException if rclpy checks it.
     """
     values = declare_rows(node, [ROWS['controller']])
     given = profile_defaults(_loaded('controller', values, load_controller_profile))
@@ -88,9 +87,10 @@ def undeclared(node: Node) -> Iterator[str]:
 
 
 def rejection(changes: Iterable[Parameter]) -> str:
-    """Return why rclpy parameters cannot have these values, or '' if they can.
+    """Return why a parameter cannot have its new value, or '' if all can.
 
-    rclpy checks ranges, types and read-only flags from the descriptors.
+    Only parameters with fixed choices are checked, because rclpy checks ranges, types and
+    read-only flags.
     """
     for change in changes:
         if change.name in ROWS and ROWS[change.name].choices:
@@ -102,7 +102,10 @@ def rejection(changes: Iterable[Parameter]) -> str:
 
 
 def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
-    """Declare the parameters of rows and return their values by name. Raises as `declare`."""
+    """Declare the parameters of rows and return their values by name.
+
+    Raises the exceptions of `declare`.
+    """
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, descriptor(row)).value
@@ -130,7 +133,7 @@ class Tracing:
     """
 
     def __init__(self, trace: Trace, values: Mapping[str, Any]) -> None:
-        """Start the trace that the parameters request, and log an error if this fails."""
+        """Start the trace that the parameters request, if any, and log an error if this fails."""
         self._trace = trace
         self._folder: str = values['trace_folder']
         self._loop = asyncio.get_running_loop()
@@ -142,7 +145,7 @@ class Tracing:
     def change(self, values: Mapping[str, Any]) -> None:
         """Apply new values of the trace parameters. Callable in any thread.
 
-        Raises TraceError, with nothing changed, if the file cannot be created.
+        Raises TraceError, and changes nothing, if the file cannot be created.
         """
         name = values.get('trace_file')
         file = open_trace(self._folder, name) if name else None

@@ -35,10 +35,10 @@ USUAL_SPEED, ACCELERATION = 0.2, 0.5
 
 
 class PointsInterface:
-    """Serves taught points over a driver. Must be created in the driver's event loop.
+    """Serves taught points with a driver. Must be created in the driver's event loop.
 
-    `primitives`: provides the tool. Raises InputError for an invalid file. A missing file is
-    created with the first point.
+    `primitives` provides the tool. A missing file is created with the first point. Raises
+    InputError if the file is invalid.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class PointsInterface:
         return f'point {request.name}: {outcome.text}'
 
     def _save(self) -> None:
-        """Save the points and publish their frames. Raises OSError, InputError."""
+        """Publish the points' frames and save the points. Raises InputError if this fails."""
         self._publish()
         if self._file is not None:
             try:
@@ -142,13 +142,12 @@ class PointsInterface:
         return 'this node' if self._file is None else printable(self._file)
 
     def _poses(self) -> dict[str, Array]:
-        """Return the points in base_link."""
+        """Return the poses of the points in base_link, shape (4, 4), m, by name."""
         to_base_link = self._primitives.kinematics.from_base
         return {name: to_base_link(point.pose) for name, point in self._points.places.items()}
 
     def _publish(self) -> None:
-        # A point of a file may have the name of another frame. It has no frame, but motions to it
-        # work.
+        # A point in a file may have the name of another frame. Such a point has no frame on tf.
         frames = {
             name: quaternion_pose(pose)
             for name, pose in self._poses().items()
@@ -162,7 +161,7 @@ class PointsInterface:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def _here(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's point, and the arm's posture or why it is unknown."""
+        """Return the tool's point and the arm's posture, or why the posture is unknown."""
         robot = self._driver.robot
         now = await wait_for_fresh_state(robot.stale, self._driver.changed, FRESH_POSE_TIMEOUT_S)
         if (why := robot.why_not_ready(now)) is not None:
@@ -171,7 +170,7 @@ class PointsInterface:
         return taught(self._primitives.kinematics, robot.sample.positions)
 
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
-        """Move to a point, as a goal of the queue. Raises GoalRejectedError."""
+        """Move to a point, as a goal of the queue. Raises GoalRejectedError if it is rejected."""
         plan = PlanningScope()
         start = await self._primitives.standing(plan)
         arm, statements = self._primitives.kinematics, self._driver.statements

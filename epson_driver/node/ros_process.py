@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS in this process: the executor's thread, polled subscriptions, stamps, transport, log."""
+"""ROS in a process: the executor's thread, polled subscriptions, time stamps, transport, log."""
 
 import contextvars
 import logging
@@ -38,12 +38,11 @@ its reply, and a spare one."""
 
 
 class RosThread:
-    """Spins an executor until `leave`, and always reports its end.
+    """A thread that spins an executor until `leave`.
 
-    `on_error` is called in the thread with each exception. `context`: the nodes' context, or None
-    for rclpy's default.
-
-    After an error it continues if possible, to answer requests while the arms stop.
+    `on_error` is called in the thread with each exception, and if the thread ends early. After an
+    exception the thread continues if possible, to answer requests while the arms stop. `context`:
+    the nodes' context, or None for rclpy's default.
 
     It does not use `spin_until_future_complete`, because rclpy adds a callback to the future at
     every turn.
@@ -58,11 +57,11 @@ class RosThread:
         self._thread = threading.Thread(target=self._run, name='rclpy executor', daemon=True)
 
     def start(self) -> None:
-        """Start to serve."""
+        """Start the thread."""
         self._thread.start()
 
     def leave(self) -> bool:
-        """Send the pending replies, and end. Returns whether the thread has ended in time."""
+        """Send the pending replies and end the thread. Return whether it ended in time."""
         if not self._thread.is_alive():
             self._left.set()
             return True
@@ -94,7 +93,7 @@ class RosThread:
 
 
 def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False) -> Any:
-    """Return a subscription for `take`, whose messages are read on request.
+    """Return a subscription whose messages are read by `take`, and not by an executor.
 
     An executor would rebuild its wait set for each of hundreds of messages a second.
     """
@@ -102,14 +101,14 @@ def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bo
 
 
 def take(subscription: Any) -> Any:
-    """Return the next message, or None."""
+    """Return the next message of a polled subscription, or None."""
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if taken is None else taken[0]
 
 
 def take_all(subscription: Any, most: int) -> list[Any]:
-    """Return the pending messages, at most `most`. The others remain pending."""
+    """Return pending messages of a polled subscription, at most `most`. Others stay pending."""
     messages: list[Any] = []
     while len(messages) < most and (message := take(subscription)) is not None:
         messages.append(message)
@@ -129,10 +128,12 @@ MAX_READING_NS = 100_000
 """Maximum time for reading both clocks, ns. A longer reading was interrupted."""
 
 MIN_JUMP_NS = 1_000_000
-"""Difference beyond which ROS's clock was set or stopped, ns. A smaller one is drift."""
+"""Minimum change of the clocks' difference that counts as a jump of ROS time, ns. A smaller
+change is drift."""
 
 DRIFT_FILTER_DIVISOR = 256
-"""Divisor of the drift correction per reading. It filters the time that the reading takes."""
+"""Divisor of the measured drift for the correction per reading. It filters the noise of readings,
+which is the time between reading the two clocks."""
 
 MIN_SPACING_NS = 1_000
 """Minimum spacing of stamps, ns. tf ignores a repeated stamp."""
@@ -140,11 +141,14 @@ MIN_SPACING_NS = 1_000
 NS_PER_S = 1_000_000_000
 
 MIN_STEP_BACK_NS = 100_000_000
-"""Step back of ROS's clock beyond which stamps also step back, ns."""
+"""Minimum backward jump of ROS time that stamps follow, ns."""
 
 
 class RosTimeStamps:
-    """Creates increasing stamps from times of `monotonic`, s. `clock`: an rclpy clock."""
+    """Converts times of a monotonic clock to increasing time stamps of ROS.
+
+    `monotonic` returns the monotonic time, s. `clock`: an rclpy clock.
+    """
 
     def __init__(self, clock: Clock, monotonic: Callable[[], float]) -> None:
         self._clock = clock
@@ -154,7 +158,7 @@ class RosTimeStamps:
         self._message = TimeMessage()
 
     def stamp(self, moment: float) -> TimeMessage:
-        """Return a time as builtin_interfaces/Time, valid until the next call."""
+        """Return a monotonic time, s, as builtin_interfaces/Time, valid until the next call."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
         after = self._monotonic()
@@ -230,7 +234,10 @@ def udp_by_default() -> Iterator[None]:
 
 
 def _peer(name: str) -> str:
-    """Return the locator of a host. Fast DDS drops a profile with an unknown one."""
+    """Return the locator of a host, as XML.
+
+    Raises ValueError if its name cannot be resolved, because Fast DDS would drop the profile.
+    """
     try:
         return f'<locator><udpv4><address>{gethostbyname(name)}</address></udpv4></locator>'
     except (OSError, UnicodeError) as error:
@@ -248,10 +255,10 @@ def context_of(logger: RcutilsLogger) -> contextvars.Context:
 
 
 class RosLogHandler(logging.Handler):
-    """Sends records of `logging` to the ROS logger of the context, or else to `logger`.
+    """Sends records of `logging` to the ROS logger of the current context, or else to `logger`.
 
-    Several drivers may share a process and an event loop, so the context of their tasks and
-    callbacks identifies the node.
+    Several nodes may share a process and an event loop. The contextvars of a task or callback
+    identify its node.
     """
 
     def __init__(self, logger: RcutilsLogger) -> None:
@@ -268,7 +275,7 @@ class RosLogHandler(logging.Handler):
 
     @staticmethod
     def _write(logger: RcutilsLogger, text: str, record: logging.LogRecord) -> None:
-        """Write one record. rclpy allows one severity per line of code, so each has a line."""
+        """Write a record. Each severity needs a separate call, because rclpy requires that."""
         if record.levelno >= logging.ERROR:
             logger.error(text)
         elif record.levelno >= logging.WARNING:

@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of setpoint streams (docs/servo.md): reads each message, and passes it on."""
+"""Subscriptions to the topics of setpoint streams (docs/servo.md).
+
+A message contains one setpoint, or a window: a short trajectory that the next message replaces.
+"""
 
 import itertools
 import time
@@ -21,13 +24,13 @@ from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.trajectory_messages import duration_in_s
 
 MAX_AHEAD_S = 0.5
-"""Maximum end of a window, s from now. A longer one is a trajectory and must be sent as a goal."""
+"""Maximum time from now to the end of a window, s. A longer trajectory must be sent as a goal."""
 
 MAX_AGE_S = 0.5
-"""Maximum age of a window's end, s. An older one is late, or stamped by another clock."""
+"""Maximum time since the end of a window, s. An older message is late, or the clocks differ."""
 
 MAX_POINTS = 500
-"""Maximum number of future points in a window: one per millisecond of the longest one."""
+"""Maximum number of points in a window: one per millisecond of MAX_AHEAD_S."""
 
 
 class SetpointError(ValueError):
@@ -37,9 +40,9 @@ class SetpointError(ValueError):
 def from_trajectory(
     message: JointTrajectory, names: Sequence[str], source: str, now: float
 ) -> Setpoint:
-    """Return a single point, or a window that starts with the last past point.
+    """Return the setpoint of a trajectory: a single point, or a window.
 
-    `now`: the time of ROS, s. Raises SetpointError.
+    `now`: ROS time, s. Raises SetpointError if the message is invalid.
     """
     last = message.points[-1]
     stamp = duration_in_s(message.header.stamp)
@@ -58,9 +61,9 @@ def from_trajectory(
 
 
 def from_joint_state(message: JointState, names: Sequence[str], source: str) -> Setpoint:
-    """Return positions, with velocities if available, or velocities alone.
+    """Return a setpoint of positions, velocities or both, as the message contains them.
 
-    Raises SetpointError.
+    Raises SetpointError if the message is invalid.
     """
     return _setpoint(
         source,
@@ -70,19 +73,25 @@ def from_joint_state(message: JointState, names: Sequence[str], source: str) -> 
 
 
 def from_positions(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
-    """Return positions in the controller's order. Raises SetpointError."""
+    """Return a setpoint of positions, in the order of `names`.
+
+    Raises SetpointError if the message is invalid.
+    """
     return _setpoint(source, _values('data', message.data, names, names), None)
 
 
 def from_velocities(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
-    """Return velocities in the controller's order. Raises SetpointError."""
+    """Return a setpoint of velocities, in the order of `names`.
+
+    Raises SetpointError if the message is invalid.
+    """
     return _setpoint(source, None, _values('data', message.data, names, names))
 
 
 def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
-    """Return the velocities of the named joints, and 0 for the others.
+    """Return a setpoint of velocities, which are 0 for joints that the message does not name.
 
-    Raises SetpointError.
+    Raises SetpointError if the message is invalid.
     """
     if message.displacements:
         raise SetpointError('displacements are not supported: use velocities')
@@ -98,10 +107,10 @@ def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
 
 
 def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
-    """Return the future points and the one before, or None if these are fewer than two.
+    """Return the last point before now and all later ones, or None if there are fewer than two.
 
-    `first`: the time of time_from_start = 0, s from now. Velocities are ignored unless all points
-    have them. Raises SetpointError.
+    `first`: the start of the trajectory, s from now. Velocities are ignored unless all points have
+    them. Raises SetpointError if a point is invalid.
     """
     passed = 0
     times = [first + duration_in_s(point.time_from_start) for point in message.points]
@@ -138,7 +147,11 @@ def _setpoint(
 def _values(
     field: str, values: Sequence[float], given: Sequence[str], names: Sequence[str]
 ) -> Array | None:
-    """Return values in the order of `names`, or None without values."""
+    """Return values in the order of `names`, or None if there are none.
+
+    `given`: the joint names of the message. Raises SetpointError if these or the number of values
+    is wrong.
+    """
     _check_names(given, names, complete=True)
     if not len(values):
         return None
@@ -166,14 +179,14 @@ SETPOINT_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of setpoints. The depth allows two publishers at the same time. Best effort matches
-publishers of either reliability."""
+"""QoS of setpoints. The depth is enough for two simultaneous publishers. Best effort also accepts
+reliable publishers."""
 
 
 class ServoInterface:
-    """Subscribes to the topics of streams. Must be created in the driver's event loop.
+    """Passes setpoints from ROS to the driver's servo. Must be created in the driver's event loop.
 
-    `stop` is called in the executor's thread with a trajectory without points.
+    `stop` is called in the executor's thread with each trajectory that has no points.
     """
 
     def __init__(self, context: NodeContext, stop: Callable[[JointTrajectory], None]) -> None:
@@ -197,7 +210,7 @@ class ServoInterface:
             )
 
     def publishers(self, topic: str) -> int:
-        """Return the number of publishers of a stream topic."""
+        """Return the number of publishers of a topic."""
         count: int = self._node.count_publishers(self._node.resolve_topic_name(topic))
         return count
 

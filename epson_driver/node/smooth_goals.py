@@ -1,22 +1,25 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A node in front of any driver: it smooths FollowJointTrajectory goals and forwards them.
+"""A node that smooths FollowJointTrajectory goals and forwards them to another driver.
 
-1. A goal starts at the position of the arm in the driver's own `controller_state`, or in
-   `joint_states` if the driver publishes none. The smooth motion is planned as a whole and sent
-   to the driver behind as one trajectory.
-2. Feedback, result and tolerances are forwarded. The additional time of the smooth motion counts
-   within goal_time_tolerance.
-3. A goal is abandoned on cancel, on a newer goal, or at the end of this process. A newer goal
-   starts when the arm is at rest.
-4. A joint_trajectory_controller replaces its trajectory by a newer one, and continues immediately
-   at the point of the new trajectory given by its header.stamp. Feedback shows the start of the
-   first trajectory on the driver's clock. Therefore a stop is sent as a second trajectory with the
-   same start: it equals the first motion up to a moment slightly ahead, followed by the smoother's
-   stop. If it is accepted before that moment, the commanded position does not jump.
-5. If feedback does not show the start, or the driver is not known to replace trajectories like
-   this, the goal is canceled, and the driver behind decides how the arm stops. Only a stop has a
-   stamp. A goal that is accepted late starts late.
+The other driver is called the downstream driver. It may be any driver with this action.
+
+1. A goal starts at the arm's position in the downstream driver's `controller_state`, or in
+   `joint_states` if it has no such topic. The smooth motion is planned as a whole and sent as one
+   trajectory.
+2. Feedback, result and tolerances are forwarded. The smooth motion may take longer than planned.
+   This time is subtracted from goal_time_tolerance.
+3. A goal is abandoned if it is canceled, if a newer goal arrives, or at the end of this process.
+   The newer goal starts when the arm is at rest.
+4. A goal is stopped smoothly by a second trajectory, if the downstream driver replaces
+   trajectories like joint_trajectory_controller: it continues immediately with the new trajectory,
+   at the point that belongs to its header.stamp. The second trajectory has the same start time as
+   the first, which feedback shows on the driver's clock. It equals the first trajectory up to a
+   time slightly ahead, and then brakes within the limits. The commanded position does not jump if
+   the second trajectory is accepted before that time.
+5. Otherwise, or if feedback does not show the start time, the goal is canceled, and the downstream
+   driver determines how the arm stops. Only the second trajectory has a stamp, so a goal that is
+   accepted late starts late.
 """
 
 import asyncio
@@ -153,31 +156,32 @@ DEFAULT_NAME = 'smooth_goals'
 NS_PER_S = 1_000_000_000
 
 STANDS_WITHIN_S = 2.0
-"""Timeout for the arm to come to rest, s."""
+"""Time for which a goal waits for the arm to come to rest, s."""
 
 WATCH_PERIOD_S = 0.1
 
 SEEN_WITHIN_S = 0.5
-"""Maximum age of feedback as evidence that the arm follows, s."""
+"""Maximum age of feedback that shows the progress of the motion, s."""
 
 FEEDBACKS = 2
-"""Number of feedback messages with the same start that count as evidence."""
+"""Number of feedback messages after which the start time is known."""
 
 FEEDBACK_WITHIN_S = 0.25
-"""Timeout of a stop for these messages, s. They arrive 20 times a second."""
+"""Time for which a stop waits for these messages, s. They arrive 20 times a second."""
 
 OFF_S, OFF = 1e-3, 1e-4
-"""Maximum deviation from the plan: OFF_S s of the start time, and for the commanded position the
-distance in OFF_S s at full speed plus OFF, rad or m."""
+"""Maximum deviations of feedback from the sent motion. OFF_S: of the start time, s. OFF: of the
+commanded position, rad or m, in addition to the distance at full speed in OFF_S."""
 
 SHUT_DOWN_TIMEOUT_S = 6.0
 
 
 @dataclass(eq=False)
 class PassedGoal:
-    """A goal from ROS to the driver behind. `why`: its outcome if it is abandoned, else None.
+    """A goal from ROS that is forwarded to the downstream driver.
 
-    start: earliest start by the loop's clock, s, or 0 for immediately.
+    start: earliest start on the loop's clock, s, or 0 for immediately. why: the outcome if the
+    goal is abandoned, else None.
     """
 
     request: FollowJointTrajectory.Goal
@@ -191,7 +195,7 @@ class PassedGoal:
     why: Outcome | None = None
 
     def leave(self, why: Outcome) -> None:
-        """Request that the goal is abandoned. Only the first reason is used."""
+        """Abandon the goal. Only the first reason is used."""
         self.why = self.why or why
         self.scope.end(why.text)
         self.left.set()
@@ -199,10 +203,11 @@ class PassedGoal:
 
 @dataclass(eq=False)
 class SentMotion:
-    """A goal's motion as sent. begin: its start according to feedback, ns.
+    """The motion that was sent for a goal, and its progress according to feedback.
 
-    stamp: of the last feedback, ns on the clock of the driver behind; `came`: its arrival, s on
-    the loop's clock. follows: whether the position commanded at that time matches the motion.
+    begin: start of the motion, ns on the downstream driver's clock. stamp: time of the last
+    feedback, ns on the same clock. came: arrival of the last feedback, s on the loop's clock.
+    follows: whether the commanded position in the last feedback matches the motion.
     """
 
     goal: PassedGoal
@@ -216,14 +221,14 @@ class SentMotion:
     known: asyncio.Event = field(default_factory=asyncio.Event)
 
     def __post_init__(self) -> None:
-        """Prepare interpolation between the points like joint_trajectory_controller."""
+        """Prepare the interpolation that joint_trajectory_controller uses between the points."""
         sent = self.points
         self.spline = Interpolation(
             sent.times, sent.positions, sent.velocities, sent.accelerations
         )
 
     def see(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
-        """Process feedback. stamp: ns on the driver's clock. passed: ns since the start."""
+        """Process feedback. stamp: ns on the driver's clock. passed: time since the start, ns."""
         limits, start = self.goal.limits, stamp - passed
         if {*names} != {*limits.names} or len(names) != len(desired):
             return
@@ -239,7 +244,10 @@ class SentMotion:
         self.motion.follow(time)
 
     def passed(self) -> float | None:
-        """Return the elapsed time of the motion, or slightly less, s; None if it is unknown."""
+        """Return the elapsed time of the motion, s, or None if it is unknown.
+
+        It is slightly too small, by the time that feedback needs to arrive.
+        """
         age = asyncio.get_running_loop().time() - self.came
         if not self.follows or age > SEEN_WITHIN_S:
             return None
@@ -247,7 +255,7 @@ class SentMotion:
 
 
 class SmoothGoals:
-    """Connects an rclpy node with the driver behind. Must be created in the event loop.
+    """Connects an rclpy node with the downstream driver. Must be created in the event loop.
 
     Raises ValueError or FileNotFoundError for invalid parameters.
     """
@@ -262,7 +270,7 @@ class SmoothGoals:
             self._logger.warning(sentence)
         self._described: Rows = {}
         self._contradicted: dict[str, str] = {}
-        """Reason for unknown limits, by joint name: two robot descriptions differ."""
+        """Reason why limits are unknown, by joint name: two robot descriptions differ."""
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
         self._goals: list[PassedGoal] = []
@@ -408,7 +416,7 @@ class SmoothGoals:
             goal.on_end(outcome)
 
     async def _outcome(self, goal: PassedGoal) -> Outcome:
-        """Plan and send a goal and return its outcome. Raises GoalRejectedError."""
+        """Plan and send a goal, and return its outcome. Raises GoalRejectedError if rejected."""
         age = self._parameters['state_timeout']
         if (moves := await self._not_standing(goal)) is not None:
             raise _rejected(f'{moves}: a goal must start with the arm at rest')
@@ -440,9 +448,9 @@ class SmoothGoals:
     def _planned(
         self, goal: PassedGoal, start: Array, look: Callable[[], None]
     ) -> tuple[StoppableMotion, Trajectory]:
-        """Return the smooth motion from joints at rest, shape (n,), and its points.
+        """Return the smooth motion from a position at rest, shape (n,), and its points.
 
-        Runs in any thread.
+        It may run in any thread. look: raises an exception if the motion is no longer needed.
         """
         planned = goal.trajectory
         times, positions = planned.times, planned.positions.copy()
@@ -459,7 +467,7 @@ class SmoothGoals:
     async def _send(
         self, driven: SentMotion, points: Trajectory, request: FollowJointTrajectory.Goal
     ) -> Sent:
-        """Send points to the driver behind. Raises GoalRejectedError."""
+        """Send points to the downstream driver. Raises GoalRejectedError if it rejects them."""
         request.trajectory.joint_names = list(points.joint_names)
         request.trajectory.points = trajectory_message(points).points
         timeout = self._parameters['reply_timeout']
@@ -485,7 +493,7 @@ class SmoothGoals:
                 task.cancel()
 
     async def _lost(self, driven: SentMotion, goal_time: float) -> str:
-        """Return why the driver behind has become unreliable, once it has."""
+        """Wait until the downstream driver fails to respond, and return how."""
         values = self._parameters
         timeout = driven.points.duration + goal_time + values['reply_timeout']
         latest = self._loop.time() + timeout
@@ -500,7 +508,7 @@ class SmoothGoals:
         return f'{self._behind.name} has no server any more'
 
     async def _stopped(self, driven: SentMotion, sent: Sent) -> str:
-        """Stop the arm and return a clause about the stop and its observed result."""
+        """Stop the arm and return a clause about the stop and whether the arm is at rest."""
         how = await self._braked(driven, sent)
         if how is None:
             how = f'{self._behind.name} stopped it'
@@ -512,7 +520,10 @@ class SmoothGoals:
         return f'{how}, {await self._not_standing(driven.goal) or "the arm is at rest"}'
 
     async def _braked(self, driven: SentMotion, sent: Sent) -> str | None:
-        """Brake within the limits and return the result, or None if impossible or not accepted."""
+        """Stop the arm with a second trajectory and return a clause about it.
+
+        Return None if this is impossible, or if the trajectory is rejected.
+        """
         if not self._brakes:
             return None
         with suppress(TimeoutError):  # the motion may have just started
@@ -550,7 +561,7 @@ class SmoothGoals:
         return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
 
     async def _not_standing(self, goal: PassedGoal) -> str | None:
-        """Wait until the arm is at rest and return None, or else the observed motion."""
+        """Wait until the arm is at rest and return None. Return why it is not after a timeout."""
         values, latest = self._parameters, self._loop.time() + STANDS_WITHIN_S
         names = goal.limits.names
         while True:
@@ -596,7 +607,7 @@ def _goal_time(goal: PassedGoal, duration: float) -> float:
 
 
 def _request(given: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
-    """Return a goal with the tolerances of `given`, and an empty trajectory."""
+    """Return a goal with the tolerances of another one, and an empty trajectory."""
     copied = {
         name: getattr(given, name)
         for name in given.get_fields_and_field_types()

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tool (TCP) of motion primitives: `~/set_tool`, and the frames on `/tf_static`.
+"""The tool (TCP) of motion primitives, the service `~/set_tool`, and frames on `/tf_static`.
 
-The request or the parameters `tool.…` define the pose of the tool in tool0. The payload is
-checked, and sent only to controllers that execute statements.
+The service or the parameters `tool.…` define the pose of the tool in tool0. The payload of a
+request is only sent to controllers that execute statements.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from epson_driver.tool_motion.tool_pose import (
 )
 
 BASE, FLANGE = 'base_link', 'tool0'
-"""Links of every model: the end of `frame_id`, and the parent of tools."""
+"""Links of every model: the base, with which `frame_id` ends, and the parent of the tool."""
 
 STATIC_QOS = QoSProfile(
     depth=1,
@@ -39,9 +39,11 @@ STATIC_QOS = QoSProfile(
 
 
 class StaticFrames:
-    """Publishes all frames in one message, because a late subscriber only receives the last one.
+    """Publishes the frames of the tool and of taught points on `/tf_static`.
 
-    prefix: of the links' names. A frame has one owner, and a name without the prefix.
+    All frames are in one message, because a late subscriber only receives the last one. Each frame
+    has an owner, 'tool' or 'points'. prefix: of all link and frame names. The methods take names
+    without it.
     """
 
     def __init__(self, context: NodeContext) -> None:
@@ -52,12 +54,12 @@ class StaticFrames:
         self._transforms: dict[str, dict[str, TransformStamped]] = {'tool': {}}
 
     def taken(self, name: str, owner: str) -> bool:
-        """Return whether another owner has, or may get, a frame of that name."""
+        """Return whether another owner has a frame of that name, or reserves the name."""
         others = (names for item, names in self._transforms.items() if item != owner)
         return (name == self._tool and owner != 'tool') or any(name in names for names in others)
 
     def publish(self, owner: str, parent: str, frames: Mapping[str, Array]) -> None:
-        """Replace the frames of an owner: x y z, m, and a quaternion x y z w, by name."""
+        """Replace the frames of an owner. frames: x y z, m, and a quaternion x y z w, by name."""
         stamp = self._clock.now().to_msg()
         transforms = self._transforms[owner] = {}
         for name, values in frames.items():
@@ -81,7 +83,7 @@ def link_prefix(frame_id: str) -> str:
 
 
 def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
-    """Set position and orientation, given by field names, to x y z and a quaternion x y z w."""
+    """Set two fields of a message. values: x y z and a quaternion x y z w."""
     left = iter(values.tolist())
     for field, names in zip(fields, ('xyz', 'xyzw'), strict=True):
         for name in names:
@@ -106,9 +108,9 @@ def named_tool(
     name: str,
     fields: tuple[str, str] = ('pose', 'name'),
 ) -> NamedTool:
-    """Return a checked tool. fields: the names of pose and name in an error text.
+    """Return a checked tool. values: as in NamedTool. fields: names of pose and name in errors.
 
-    Raises ValueError with the field, its value and the limit.
+    Raises ValueError if the pose or the name is invalid.
     """
     pose_field, name_field = fields
     FRAME_NAME.checked(name, name_field)
@@ -128,7 +130,7 @@ def named_tool(
 
 
 class ToolInterface:
-    """Sets the tool of motion primitives. Raises InputError for invalid parameters."""
+    """Serves `~/set_tool`. Raises InputError if a parameter `tool.…` is invalid."""
 
     def __init__(
         self, context: NodeContext, primitives: MotionPrimitives, frames: StaticFrames
@@ -172,7 +174,10 @@ class ToolInterface:
         return response
 
     def _apply(self, tool: NamedTool) -> None:
-        """Use a tool, and publish its frame. Raises ToolBusyError, InputError."""
+        """Use a tool, and publish its frame.
+
+        Raises ToolBusyError if a sequence uses the current one, InputError if the name is taken.
+        """
         if self._frames.taken(tool.name, 'tool'):
             raise InputError(f'name = {shown(tool.name)}: must not be the name of a taught point')
         self._primitives.set_tool(tool.pose)

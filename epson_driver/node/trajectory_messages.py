@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories, tolerances and durations from ROS messages, and trajectories as messages."""
+"""Conversion between ROS messages and trajectories, tolerances and durations."""
 
 from collections.abc import Iterable, Sequence
 from operator import attrgetter
@@ -18,9 +18,9 @@ from epson_driver.motion import Array, Trajectory
 def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> Trajectory:
     """Return a message as a Trajectory in the order of `joint_names`.
 
-    Raises GoalRejectedError: INVALID_JOINTS unless the names are the same set. INVALID_GOAL for a
-    message without points, a point without positions or with efforts, or an array of the wrong
-    length.
+    Raises GoalRejectedError with INVALID_JOINTS if the message has other joints. Raises it with
+    INVALID_GOAL if the message has no points, or if a point has no positions, efforts, or an array
+    of the wrong length.
     """
     names = tuple(message.joint_names)
     if len(set(names)) != len(names):
@@ -60,7 +60,7 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
 def _optional_table(
     points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]
 ) -> Array | None:
-    """Return a quantity that all points have, or None if no point has it."""
+    """Return a quantity of all points, shape (points, n), or None if no point has it."""
     if not any(map(attrgetter(quantity), points)):
         return None
     return _table(points, quantity, names)
@@ -91,12 +91,12 @@ def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
 def tolerances_from_messages(
     messages: Iterable[JointTolerance], field: str, joint_names: Sequence[str], defaults: Array
 ) -> Tolerances:
-    """Return the tolerances of a goal's JointTolerance[], the goal's `field`.
+    """Return the tolerances in a field of a goal, which is a JointTolerance[].
 
     0 selects the default, and a negative number disables the check, like in
-    joint_trajectory_controller. `defaults`: for positions, shape (n,), rad, where 0 disables the
-    check. Velocities have no default. Raises GoalRejectedError for an unknown or repeated joint, a
-    number that is not finite, or a tolerance for the acceleration.
+    joint_trajectory_controller. `defaults`: for positions, shape (n,), rad (m), where 0 disables
+    the check. Velocities have no default. Raises GoalRejectedError if a joint is unknown or
+    repeated, a number is not finite, or an acceleration has a tolerance.
     """
     values = {
         'position': np.where(defaults > 0.0, defaults, np.inf),
@@ -138,7 +138,7 @@ def duration_in_s(message: Duration | Time) -> float:
 
 
 def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
-    """Return a trajectory as the ROS message."""
+    """Return a trajectory as a ROS message."""
     message = JointTrajectory(joint_names=list(trajectory.joint_names))
     for index, time_from_start in enumerate(trajectory.times):
         sec, nanosec = divmod(round(float(time_from_start) * 1e9), 10**9)
