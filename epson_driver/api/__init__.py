@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the Python API, which users reach as epson_driver.robot and epson_driver.aio."""
+"""Implementation of the Python API. Users import epson_driver.robot or epson_driver.aio."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measured state, tool, frames and poses of an arm."""
+"""The part of a Robot that does not move the arm: measured state, tool, frames and poses."""
 
 import asyncio
 from collections.abc import Callable
@@ -28,7 +28,7 @@ T = TypeVar('T')
 
 
 class Arm(Unique):
-    """Measured state, tool and frames of an arm. Robot inherits all of it."""
+    """Measured state, tool and frames of an arm. Robot inherits all members."""
 
     def __init__(self, setup: 'Setup') -> None:
         from epson_driver.api.connection import Connection
@@ -65,7 +65,7 @@ class Arm(Unique):
 
     @property
     def pose(self) -> Array:
-        """The flange (tool0) in base_link: homogeneous, shape (4, 4), m.
+        """Pose of the flange (tool0) in base_link: homogeneous matrix, shape (4, 4), m.
 
         Raises RobotError like `joints`.
         """
@@ -73,7 +73,7 @@ class Arm(Unique):
 
     @property
     def tool_pose(self) -> Array:
-        """The tool in base_link: homogeneous, shape (4, 4), m.
+        """Pose of the tool in base_link: homogeneous matrix, shape (4, 4), m.
 
         Raises RobotError like `joints`.
         """
@@ -81,7 +81,7 @@ class Arm(Unique):
 
     @property
     def ros_pose(self) -> Array:
-        """The tool in base_link: x y z, m, and a quaternion x y z w, shape (7,).
+        """Pose of the tool in base_link: x y z, m, and a quaternion x y z w, shape (7,).
 
         Raises RobotError like `joints`.
         """
@@ -89,19 +89,19 @@ class Arm(Unique):
 
     @property
     def epson_point(self) -> EpsonPoint:
-        """The tool as shown on the teach pendant, in mm and degrees.
+        """Pose of the tool as shown on the teach pendant, in mm and degrees.
 
         Raises RobotError like `joints`.
         """
         return EpsonPoint.of(self.pose_in(BASE))
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's point, and the arm's posture for .pts files or why it is unknown."""
+        """Return the tool's point and the arm's posture, or why the posture is unknown."""
         return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments
     def pose_in(self, frame: str) -> Array:
-        """Return the tool in a frame: homogeneous, shape (4, 4), m.
+        """Return the pose of the tool in a frame: homogeneous matrix, shape (4, 4), m.
 
         Raises ArgumentError if the frame is unknown, and RobotError like `joints`.
         """
@@ -111,7 +111,7 @@ class Arm(Unique):
 
     @property
     def tool(self) -> Array:
-        """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
+        """Pose of the tool in the flange (tool0): homogeneous matrix, shape (4, 4), m."""
         return self._hand[0].pose.copy()
 
     @checked_arguments
@@ -125,8 +125,9 @@ class Arm(Unique):
         """Set the tool (TCP) for lines, arcs and poses. The default is the flange.
 
         pose: in the flange (tool0), in any form accepted by `move_line`. max_speed, m/s, and
-        max_acceleration, m/s²: a line, arc or path that exceeds them is rejected; None: no limit.
-        They do not apply to joint moves. A running motion is unaffected. Raises ArgumentError.
+        max_acceleration, m/s²: a line, arc or path that exceeds them is rejected. None: no limit.
+        They do not apply to joint moves. A running motion is unaffected. Raises ArgumentError if
+        an argument is invalid.
         """
         tool = checked_tool(pose, max_speed, max_acceleration)
         self._hand = (tool, Kinematics(self.model, tool.pose))
@@ -140,18 +141,20 @@ class Arm(Unique):
     ) -> None:
         """Set the payload (tool and part) that is sent to the controller from the next motion on.
 
-        The fields match geometry_msgs/Inertia in the flange (tool0): mass, kg; center, shape (3,),
-        m; inertia about the center, kg m², ixx ixy ixz iyy iyz izz, or a matrix (3, 3). The SPEL+
-        settings Weight and Inertia are derived from it. Raises ArgumentError, and RobotError if
-        the controller's program sets the payload.
+        The arguments match geometry_msgs/Inertia in the flange (tool0). mass: kg. center: center
+        of mass, shape (3,), m. inertia: about the center of mass, kg m², as ixx ixy ixz iyy iyz
+        izz or a matrix, shape (3, 3). The SPEL+ settings Weight and Inertia are derived from them.
+        Raises ArgumentError if an argument is invalid, RobotError if the controller's program sets
+        the payload.
         """
         self._connection.set_load(_load(self.model, mass, center, inertia))
 
     @checked_arguments
     def forward(self, joints: npt.ArrayLike) -> Array:
-        """Return the tool in base_link at joint positions, shape (n,): shape (4, 4), m.
+        """Return the pose of the tool in base_link for joint positions, shape (n,), rad (m).
 
-        Raises ArgumentError.
+        The pose is a homogeneous matrix, shape (4, 4), m. Raises ArgumentError if the joint
+        positions are invalid.
         """
         values = moves.joint_rows('joints', joints, self.model.limits, rows=False)
         return self._hand[1].forward(values)
@@ -162,9 +165,9 @@ class Arm(Unique):
     ) -> Array:
         """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
 
-        pose, frame: see `move_line`. near: joints for choosing the nearest solution; None: the
-        measured joints. Raises PathError for a pose out of reach, ArgumentError for other
-        arguments, and without `near` as `joints`.
+        pose, frame: see `move_line`. near: joint positions, shape (n,), to which the solution is
+        nearest. None: the measured joints, which raises RobotError like `joints`. Raises PathError
+        if the pose is out of reach, ArgumentError if an argument is invalid.
         """
         if near is None:
             start = self._connection.sample().positions
@@ -184,30 +187,32 @@ class Arm(Unique):
 
     @property
     def frames(self) -> dict[str, Array]:
-        """Named frames, each in base_link: homogeneous, shape (4, 4), m."""
+        """Poses of all named frames in base_link: homogeneous matrices, shape (4, 4), m."""
         return self._frames.poses
 
     @checked_arguments
     def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
         """Set a named frame by its pose in another frame, in any form accepted by `move_line`.
 
-        parent: see `frame` of `move_line`, except 'tool'. The frame keeps its place in base_link
-        if the parent is changed later. Raises ArgumentError.
+        parent: the other frame, like `frame` of `move_line`, but not 'tool'. A later change of the
+        parent does not move this frame. Raises ArgumentError if an argument is invalid.
         """
         self._frames.set(name, pose, parent)
 
     async def catch_up(self) -> None:
-        """Read pending messages until the joints are fresh, at most half a second.
+        """Process received messages until the joints are fresh, for at most half a second.
 
-        Newer joints may be waiting if the program blocked the event loop, or on a busy machine.
+        Newer joints may be waiting after the program has blocked the event loop, or on a busy
+        machine.
         """
         await self._connection.wait_for_fresh_state()
 
     @checked_arguments
     async def measured(self, read: Callable[[], T]) -> T:
-        """Catch up and return the result of `read`: `await robot.measured(lambda: robot.joints)`.
+        """Call `catch_up`, then return the result of `read`.
 
-        It reads the joints that had arrived after catching up, even if this process is delayed.
+        Example: `await robot.measured(lambda: robot.joints)`. A delay of this process after
+        `catch_up` does not make the joints too old.
         """
         return await self._connection.measured(read)
 
@@ -217,7 +222,7 @@ class Arm(Unique):
     ) -> Sample:
         """Wait until a condition holds for a sample, and return that sample.
 
-        Raises TimeoutError after `timeout` s, RobotError when joints are too old.
+        Raises TimeoutError after `timeout` s, RobotError if the joints become too old.
         """
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
@@ -229,9 +234,9 @@ class Arm(Unique):
 
 
 def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.ArrayLike) -> 'Load':
-    """Return Weight and Inertia for the arguments of `aio.Robot.set_payload`.
+    """Return Weight and Inertia for the arguments of `Robot.set_payload`.
 
-    Raises ValueError with the field, its value and the limit.
+    Raises ValueError if an argument is invalid.
     """
     from epson_driver.driver.delivery.statements import Load
 

@@ -1,10 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of the Python API and its driver, which runs from `connect` to `close`.
+"""Connection of a Python Robot to its controller. It runs a driver from `connect` to `close`.
 
-All calls of the public classes pass through here. This ensures that the driver is connected (or
-raises an error with the reason), the pose is fresh, and nothing else moves the arm. Closing the
-connection stops the arm first.
+All calls of the public classes pass through a Connection. It checks that the driver is connected,
+that the joints are fresh, and that nothing else moves the arm. Closing it stops the arm first.
 """
 
 import asyncio
@@ -37,11 +36,11 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError, open_trace
 
 FRESH_POSE_TIMEOUT_S = 0.5
-"""Timeout for newer joints when the available ones are too old, s."""
+"""Time to wait for newer joints if the received ones are too old, s."""
 
 LOOKS, LOOK_PERIOD_S = 5, 0.1
-"""Number and period, s, of the checks that a link must pass in a row to count as stable. The
-number of checks decides, not the time, because a delayed process checks less often."""
+"""Number of consecutive checks that a stable link must pass, and their period, s. Checks are
+counted instead of measuring the time, because a delayed process checks less often."""
 
 T = TypeVar('T')
 
@@ -49,9 +48,9 @@ _log = logging.getLogger(__name__)
 
 
 class Connection:
-    """The driver of one robot while connected. Everything runs in its event loop.
+    """The connection of one Robot to its controller. It runs in the event loop of `connect`.
 
-    simulation: a controller that is started and stopped with the connection; may be set later.
+    simulation: a controller that `connect` starts and `close` stops. It may be set later.
     """
 
     def __init__(self, setup: Setup, simulation: SimulatedController | None = None) -> None:
@@ -59,7 +58,7 @@ class Connection:
         self.simulation = simulation
         self.driver: Driver | None = None
         self.task: asyncio.Task[None] | None = None
-        """Task that runs the driver."""
+        """Task that runs the driver while connected."""
         self.loop: asyncio.AbstractEventLoop
         """Event loop that called `connect`."""
         self._process = Process()
@@ -70,7 +69,7 @@ class Connection:
         self._received = Notification()
         self._link_reason = 'not connected yet'
         self._moment: float | None = None
-        """Loop time, s, by which the values being read had arrived, or None outside `measured`."""
+        """Loop time, s, at which `sample` judges the age of joints. None: the current time."""
         errors = setup.configuration.errors
         assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
         self.changes = Changes(self.callback_failed, errors)
@@ -101,7 +100,7 @@ class Connection:
 
     @property
     def gripper(self) -> DrivenGripper | None:
-        """The gripper, or None without one. Raises as `running`."""
+        """The gripper, or None if none is configured. Raises RobotError like `running`."""
         self._connected()
         return self._gripper
 
@@ -110,7 +109,7 @@ class Connection:
     async def connect(self, timeout: float) -> None:
         """Connect, and wait until the controller has reported its state and the joint positions.
 
-        Raises RobotError with the missing parts after `timeout` s.
+        Raises RobotError, which lists the missing parts, if they are incomplete after `timeout` s.
         """
         self._process.check()
         if self._stranded:
@@ -146,7 +145,7 @@ class Connection:
             raise
 
     async def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Does nothing when not connected."""
+        """Stop the arm, disable it, and disconnect. Do nothing if not connected."""
         if self._process.forked or self._stranded:
             self.task = None
             return
@@ -173,12 +172,12 @@ class Connection:
                 await self.simulation.close()
 
     def lost(self) -> None:
-        """Schedule the closing of a connection whose Robot was lost. Callable in any thread."""
+        """Schedule `close_lost` after the Robot was garbage-collected. Callable in any thread."""
         if self.task is not None:
             close_soon(self.loop, self._process, self.close_lost)
 
     async def close_lost(self) -> None:
-        """Close a connection whose Robot was lost."""
+        """Close the connection after its Robot was garbage-collected."""
         if self.task is None or self._lost:
             return
         self._lost = True
@@ -197,7 +196,7 @@ class Connection:
         return [socket.fileno() for socket in sockets] + (simulation.files if simulation else [])
 
     async def _open_trace(self) -> BinaryIO | None:
-        """Open the trace file if the settings name one. Raises RobotError."""
+        """Open the trace file if the settings name one. Raises RobotError if this fails."""
         folder, name = (self._setup.values[f'trace_{item}'] for item in ('folder', 'file'))
         try:
             return await asyncio.to_thread(open_trace, folder, name) if name else None
@@ -214,7 +213,8 @@ class Connection:
     async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
         """Wait until nothing is missing and the links are stable.
 
-        A controller that serves one client also accepts a second one, but then disconnects it.
+        Stability matters because a controller that serves only one client accepts a second one,
+        but disconnects it immediately.
         """
         links = driver.links
         try:
@@ -237,7 +237,7 @@ class Connection:
             raise RobotError(f'not ready within {timeout:g} s: {"; ".join(missing)}') from error
 
     def _missing(self, driver: Driver) -> list[str]:
-        """Return the missing parts, each as a clause with its remedy."""
+        """Return what `connect` still waits for, each as a clause with its remedy."""
         down = [link for link in driver.links if not link.connected]
         missing = []
         if down:
@@ -276,7 +276,7 @@ class Connection:
 
     @property
     def _stranded(self) -> bool:
-        """Whether the event loop of the connection has ended, and the links with it."""
+        """Whether the event loop of the connection, and thereby its links, has been closed."""
         return self.task is not None and self.loop.is_closed()
 
     def _check_loop(self) -> None:
@@ -287,12 +287,18 @@ class Connection:
     # --- the pose ---------------------------------------------------------------------------
 
     async def wait_for_fresh_state(self) -> float:
-        """Return a time at which the joints are fresh, waiting at most FRESH_POSE_TIMEOUT_S."""
+        """Wait for fresh joints, at most FRESH_POSE_TIMEOUT_S.
+
+        Return the loop time, s, for which their age counts.
+        """
         driver = self.running
         return await wait_for_fresh_state(driver.robot.stale, self._received, FRESH_POSE_TIMEOUT_S)
 
     async def measured(self, read: Callable[[], T]) -> T:
-        """Return the result of `read`, in which `sample` uses a time with fresh joints."""
+        """Wait for fresh joints, then return the result of `read`.
+
+        `sample` ignores the time after this wait, so a delay does not make the joints too old.
+        """
         self._moment = await self.wait_for_fresh_state()
         try:
             return read()
@@ -300,7 +306,7 @@ class Connection:
             self._moment = None
 
     async def next_joints(self) -> None:
-        """Wait for joints, a status or a change of the links."""
+        """Wait for the next joints, STATUS, or change of a link."""
         await self._received.wait()
 
     def sample(self) -> JointSample:
@@ -313,7 +319,7 @@ class Connection:
         return driver.robot.sample
 
     def stamped(self, joints: JointSample) -> Sample:
-        """Return joints with the time of day and the robot's state."""
+        """Return a joint sample of the driver as a Sample of the API, with the robot's state."""
         ago = self.loop.time() - joints.measured
         return Sample(
             joints.positions.copy(), joints.velocities.copy(), time.time() - ago, self.status
@@ -330,9 +336,10 @@ class Connection:
             raise RobotError(str(error), error.remedy) from error
 
     async def ready(self) -> tuple[Array, PlanningScope]:
-        """Return the joint positions and a planning scope, which ends if motion becomes inhibited.
+        """Return the joint positions, shape (n,), and a scope for planning a motion from them.
 
-        Raises MotionError unless a motion may start now.
+        A stop, or any other event that inhibits motion, cancels the scope. Raises MotionError if
+        no motion may start now.
         """
         driver = self.running
         now = asyncio.get_running_loop().time()
@@ -355,12 +362,12 @@ class Connection:
         path: HeldPath | None = None,
         move: Callable[[StatementDelivery], str] | None = None,
     ) -> Motion:
-        """Start a motion. With `wait`, wait until it ends, and stop it if cancelled.
+        """Start a motion. With `wait`, wait until it ends, and stop it if the task is cancelled.
 
-        path: the path used to check the tool's accuracy, see Motion. move: builds the statement
-        for a controller without a point interface, or None if the motion has no such statement.
-
-        Raises MotionError if the motion was ended during planning, is rejected, or fails.
+        path: the path for checking the tool's accuracy, see Motion. move: builds the SPEL+
+        statement for a controller that accepts no points, or None if the motion has no such
+        statement. Raises MotionError if the motion was canceled during planning, is rejected, or
+        fails.
         """
         driver = self.running
         sample, statement = driver.robot.sample, None
@@ -377,7 +384,10 @@ class Connection:
         return motion
 
     def set_load(self, load: Load) -> None:
-        """Set the payload for each motion. Raises RobotError if the controller cannot take it."""
+        """Set the payload sent with each motion.
+
+        Raises RobotError if the controller accepts no payload.
+        """
         if not self._setup.configuration.statements:
             raise RobotError(
                 'this kind of controller accepts no payload: set Weight and Inertia in '
@@ -388,7 +398,7 @@ class Connection:
             self.driver.statements.load = load
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Set the speed scaling of motions. Raises RobotError if the controller cannot follow."""
+        """Set the speed scaling of motions. Raises RobotError if the controller rejects it."""
         try:
             self.running.goal_queue.set_speed(factor)
         except ValueError as error:
@@ -423,7 +433,7 @@ class Connection:
             self.loop.call_soon_threadsafe(self.callback_failed, error)
 
     def callback_failed(self, error: Exception) -> None:
-        """Stop and disable the arm: the user's reaction to an event has failed."""
+        """Report an exception in a user's callback, and stop and disable the arm."""
         why = f'a callback failed: {type(error).__name__}: {error}'
         report_error(why, error)
         if self.driver is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Builds a RobotStatus from the state of a driver, and calls callbacks when it has changed."""
+"""Builds a RobotStatus from the state of a driver, and calls the user's callbacks on changes."""
 
 from collections.abc import Callable
 from typing import Generic, ParamSpec
@@ -58,11 +58,11 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
 P = ParamSpec('P')
 
 Failed = Callable[[Exception], None]
-"""Called with the exception that a callback raised."""
+"""Function that is called with the exception of a callback."""
 
 
 class Callbacks(Generic[P]):
-    """Functions that are called one after the other, even if one raises an exception."""
+    """Callbacks for one event, called one after the other, even if one raises an exception."""
 
     def __init__(self, failed: Failed) -> None:
         self._failed = failed
@@ -74,7 +74,7 @@ class Callbacks(Generic[P]):
         return bool(self._functions)
 
     def add(self, function: Callable[P, object]) -> Callable[[], None]:
-        """Register a function. Returns a function that unregisters it."""
+        """Register a function. Return a function that unregisters it."""
         self._functions.append(function)
 
         def remove() -> None:
@@ -97,7 +97,7 @@ class Callbacks(Generic[P]):
 
 
 class Changes:
-    """Calls the callbacks when E-stop, error or link change. Unknown values are not a change."""
+    """The user's callbacks by event. An unknown value in a STATUS is not a change."""
 
     def __init__(self, failed: Failed, texts: ErrorTexts) -> None:
         self.estop: Callbacks[[bool]] = Callbacks(failed)
@@ -110,7 +110,7 @@ class Changes:
         self._number: int | None = None
 
     def see(self, status: Status) -> None:
-        """Process a STATUS."""
+        """Call the callbacks for the changes of E-stop and error in a STATUS."""
         if status.e_stopped in (TriState.TRUE, TriState.FALSE):
             e_stopped = status.e_stopped == TriState.TRUE
             if e_stopped != self._e_stopped:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exceptions of the Python API, and checks of its arguments. A motion raises only RobotErrors."""
+"""Exceptions of the Python API, and checks of its arguments."""
 
 import contextlib
 import inspect
@@ -31,8 +31,7 @@ WORDS = {
     Remedy.ALLOW_END_VELOCITY: '',
     Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed=False in Settings',
 }
-"""Remedies in the names of this API."""
-
+"""Remedies as calls of this API."""
 
 TIMEOUT = number(0.0, 1e7, 's')
 
@@ -45,9 +44,9 @@ class RobotError(RuntimeError):
 
 
 class MotionError(RobotError):
-    """A motion was rejected, or did not reach its end. The arm is not at the target.
+    """A motion was rejected, canceled or aborted.
 
-    end: CANCELED or ABORTED. code: the error code of FollowJointTrajectory for the same case.
+    end: CANCELED or ABORTED. code: the error code that FollowJointTrajectory has for this case.
     """
 
     def __init__(self, outcome: Outcome) -> None:
@@ -57,13 +56,13 @@ class MotionError(RobotError):
 
 
 class ArgumentError(RobotError, ValueError):
-    """A motion was requested with an invalid argument. Nothing was sent."""
+    """A method was called with an invalid argument. Nothing was sent to the controller."""
 
 
 class PathError(ArgumentError):
-    """The tool cannot follow a path from the current position: out of reach, or singular.
+    """The tool cannot reach a pose or follow a path: out of reach, or at a singularity.
 
-    The text contains place, joint and limit. Nothing was sent.
+    The text names place, joint and limit. Nothing was sent to the controller.
     """
 
 
@@ -74,7 +73,7 @@ def not_begun(sentence: str) -> MotionError:
 
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
-    """Convert rejections by the driver, and canceled planning, to MotionError."""
+    """Convert a rejection by the driver, or the end of a canceled planning, to MotionError."""
     try:
         yield
     except PlanningEndedError as ended:
@@ -85,7 +84,7 @@ def refusals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def argument_errors() -> Iterator[None]:
-    """Convert ValueErrors to ArgumentError."""
+    """Convert ValueErrors to ArgumentError, or to PathError if the tool cannot follow a path."""
     try:
         yield
     except RobotError:
@@ -97,7 +96,7 @@ def argument_errors() -> Iterator[None]:
 
 
 def checked_timeout(timeout: float | None) -> float | None:
-    """Return a timeout, s, or None for no timeout. Raises ArgumentError."""
+    """Return a valid timeout, s, or None for no timeout. Raises ArgumentError if it is invalid."""
     with argument_errors():
         return None if timeout is None else float(TIMEOUT.checked(timeout, 'timeout'))
 
@@ -118,8 +117,8 @@ def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
     """Decorate a method, awaited or not, so that it raises ArgumentError for invalid arguments.
 
     Flags, functions, paths and objects of this package are checked against their annotations.
-    The method itself checks numbers, names and shapes, and raises ValueErrors. numpy numbers are
-    converted to Python's.
+    The method itself checks numbers, names and shapes, and raises ValueError, which becomes
+    ArgumentError. numpy numbers are converted to Python numbers.
     """
     call: Any = method
     code = call.__code__
@@ -152,14 +151,14 @@ def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
 
 
 def _rule(annotation: Any) -> Rule | None:
-    """Return the rule for an argument, or None if the method checks it."""
+    """Return the rule for an argument's annotation, or None if the method itself checks it."""
     kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
     kinds = tuple(get_origin(kind) or kind for kind in kinds)
     classes = [kind for kind in kinds if isinstance(kind, type)]
     ours = [kind for kind in classes if kind.__module__.startswith('epson_driver.')]
     if len(classes) < len(kinds) or not all(kind in _SAID or kind in ours for kind in kinds):
         return None
-    if kinds in ((str,), (str, NoneType)):  # a name: the method knows the valid ones
+    if kinds in ((str,), (str, NoneType)):  # a name: the method checks it
         return None
     message = [_SAID.get(kind, kind.__name__) for kind in classes]
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's inputs and outputs, point by point, and a gripper wired to them."""
+"""Access to the controller's inputs and outputs, and to a gripper that is wired to them."""
 
 import asyncio
 import contextlib
@@ -26,14 +26,20 @@ VALUE = count(-(2**31), 2**31 - 1)
 
 
 class Io(Unique):
-    """Reads and writes single I/O points. Raises RobotError if the controller has no I/O."""
+    """Reads and writes single I/O points.
+
+    The methods raise RobotError if the controller has no I/O, or refuses a request.
+    """
 
     def __init__(self, driver: Callable[[], 'io_client.Io']) -> None:
         self._driver = driver
 
     @checked_arguments
     async def read(self, kind: str, index: int) -> int:
-        """Return the value of a point, such as `read('DI', 3)`. Analogue: mV (docs/io.md)."""
+        """Return the value of an I/O point, such as `read('DI', 3)`, in mV if it is analogue.
+
+        docs/io.md lists the types of points.
+        """
         from epson_driver.simple_message import IoAddress
 
         address = IoAddress(_type(kind), INDEX.checked(index, 'index'))
@@ -41,9 +47,9 @@ class Io(Unique):
 
     @checked_arguments
     async def wait(self, kind: str, index: int, value: int, timeout: float | None = None) -> None:
-        """Wait until a point has a value, such as `wait('DI', 3, 1)`.
+        """Wait until an I/O point has a value, such as `wait('DI', 3, 1)`.
 
-        Raises TimeoutError after `timeout` s, otherwise as `read`.
+        Raises TimeoutError after `timeout` s (None: never), and the exceptions of `read`.
         """
         from epson_driver.driver.io.gripper import LOOK_PERIOD_S
 
@@ -84,10 +90,10 @@ class Gripper(Unique):
         return await _done(self._known().move(opened=True))
 
     async def close(self) -> GripperState:
-        """Close the gripper and return its state: closed, or neither if it holds something.
+        """Close the gripper and return its state: `closed`, or neither if it holds a part.
 
-        A held part is detected after the wiring's `time`. Raises RobotError if the gripper stays
-        open, or if a newer command replaces this one.
+        The gripper counts as holding a part if it is neither open nor closed after the wiring's
+        `time`. Raises RobotError if it stays open, or if a newer command replaces this one.
         """
         return await _done(self._known().move(opened=False))
 

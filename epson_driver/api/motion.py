@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A started motion: its progress, its end, and how to cancel it."""
+"""The object that represents a started motion: its progress, its result, and its cancellation."""
 
 import asyncio
 import contextlib
@@ -23,17 +23,17 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
 
 _log = logging.getLogger(__name__)
 
-# Motion objects and setpoint calls report these log lines themselves. Do not print them by
-# default.
+# Not printed by default: Motion objects and setpoint calls report the same errors.
 for _name in ('goal', 'servo'):
     logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
 HeldPath = tuple[Callable[[Array], float], float]
-"""Distance of the tool from its path, m, as a function of joints, shape (n,), and its limit, m."""
+"""A function that returns the tool's distance from its path, m, for joint positions, shape (n,),
+and the maximum distance, m."""
 
 
 class Motion(Unique):
-    """A motion of the arm. It ends once: it succeeded, was canceled, or was aborted."""
+    """A motion of the arm. It ends exactly once: succeeded, canceled or aborted."""
 
     def __init__(
         self, queue: 'GoalQueue', goal: 'Goal', plan: 'PlanningScope', path: HeldPath | None = None
@@ -72,7 +72,7 @@ class Motion(Unique):
 
     @property
     def text(self) -> str:
-        """Result as a sentence, or '' before the end."""
+        """Result of the motion as a sentence, or '' while it runs."""
         if self._outcome is None:
             return ''
         message = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
@@ -90,7 +90,7 @@ class Motion(Unique):
 
     @property
     def progress(self) -> float:
-        """Elapsed fraction of the planned time, 0 to 1. Only success makes it 1."""
+        """Elapsed fraction of the planned time, 0 to 1. It is 1 only after success."""
         if self._outcome is not None and self._outcome.end is End.SUCCEEDED:
             return 1.0
         execution = self._handle.execution
@@ -102,8 +102,8 @@ class Motion(Unique):
     async def wait(self, timeout: float | None = None) -> str:
         """Wait until the motion ends and return its text. Raises MotionError unless it succeeded.
 
-        A timeout (TimeoutError after `timeout` s) or a cancelled task only ends the wait. The
-        motion continues until `cancel`.
+        Raises TimeoutError after `timeout` s. The motion continues after a timeout, and if the
+        waiting task is cancelled.
         """
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
@@ -115,7 +115,7 @@ class Motion(Unique):
         return self.text
 
     async def finish(self, timeout: float | None = None) -> str:
-        """Wait like `wait`, but stop the arm if interrupted."""
+        """Wait like `wait`, but stop the arm if the waiting task is cancelled."""
         try:
             return await self.wait(timeout)
         except asyncio.CancelledError:
@@ -124,10 +124,10 @@ class Motion(Unique):
             raise
 
     async def cancel(self) -> str:
-        """Stop the arm and return a message once it is at rest. Does nothing after the end.
+        """Stop the arm and return a message once it is at rest.
 
-        Raises MotionError if the motion was aborted before it could be canceled. Its text has the
-        known state of the arm.
+        Do nothing if the motion has ended, and return its result. Raises MotionError if the motion
+        was aborted before it could be canceled.
         """
         if self._outcome is None:
             self._queue.cancel(self._handle)

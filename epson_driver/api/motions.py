@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions of an arm: joints, trajectories, recordings, lines, arcs and paths, and their speed."""
+"""Methods of a Robot that move the arm, and the speed scaling of its motions."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -22,7 +22,7 @@ from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_alon
 
 
 class Motions(Arm):
-    """The motions of an arm. Each returns a Motion. Robot inherits all of them."""
+    """Methods that move the arm and return a Motion. Robot inherits all of them."""
 
     @checked_arguments
     async def move_joints(
@@ -38,13 +38,12 @@ class Motions(Arm):
         A pose has any form accepted by `move_line`, in base_link (an EpsonPoint: in EPSON's
         world). It is reached in the configuration nearest to the current one.
 
-        speed, acceleration: fractions of the joint limits, (0, 1]; 1 is as fast as the arm can.
-        wait: return when the arm has arrived. Ctrl-C or a cancelled task then stops the arm. With
-        wait=False, return immediately.
+        speed, acceleration: fractions of the joint limits, (0, 1]. wait: whether to wait until the
+        arm has arrived. Ctrl-C or a cancelled task during the wait stops the arm.
 
-        Raises ArgumentError for bad arguments. Raises MotionError if the arm is not enabled,
-        another motion is running (it is never replaced implicitly: wait for it or cancel it), or
-        this one fails. Both are RobotErrors.
+        Raises ArgumentError if an argument is invalid. Raises MotionError if the arm is not
+        enabled, another motion is running, or this motion fails. A running motion is never
+        replaced: wait for its end or cancel it first. Both exceptions are RobotErrors.
         """
         limits = self.model.limits
         moves.check_shares(speed, acceleration)
@@ -71,9 +70,9 @@ class Motions(Arm):
     ) -> Motion:
         """Move through joint positions, shape (k, n), rad (m), without stops where possible.
 
-        The motion is as fast as the fractions of the joint limits allow. A controller that stops
-        at each point does so here, too. Planning takes up to seconds, also with `wait=False`.
-        Raises as `move_joints`.
+        speed, acceleration: fractions of the joint limits, (0, 1]. The motion is as fast as they
+        allow. A controller that stops at each point of a trajectory also stops at each point here.
+        Planning may take seconds, even with `wait=False`. Raises the exceptions of `move_joints`.
         """
         from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 
@@ -107,7 +106,8 @@ class Motions(Arm):
 
         times: shape (k,), s from the start, strictly increasing. positions, velocities: shape
         (k, n), rad and rad/s (m, m/s), in the order of joint_names (default: the model's).
-        docs/goals.md lists the requirements on a trajectory. Raises as `move_joints`.
+        docs/goals.md lists the requirements on a trajectory. Raises the exceptions of
+        `move_joints`.
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
@@ -115,10 +115,10 @@ class Motions(Arm):
 
     @checked_arguments
     def record(self, rate: float = 1000.0) -> Recording:
-        """Start recording the joints, however the arm is moved, until the recording's `stop`.
+        """Start recording the measured joints, whatever moves the arm. `Recording.stop` ends it.
 
-        rate: samples per s, limited by the rate of the controller. Raises as `joints`, and
-        ArgumentError.
+        rate: maximum number of samples per s. The controller may send fewer. Raises RobotError if
+        not connected, ArgumentError if the rate is invalid.
         """
         period = 1.0 / RATE.checked(rate, 'rate')
         self._connection.running  # noqa: B018 - it raises if not connected
@@ -134,11 +134,12 @@ class Motions(Arm):
         speed: float = 1.0,
         wait: bool = True,
     ) -> Motion:
-        """Replay a recording or a file, after a joint move to its start like `move_joints`.
+        """Move to the start of a recording like `move_joints`, then replay the recorded motion.
 
-        speed: fraction of the recorded speed, 0.01 to 1. The rest before the first recorded motion
-        is skipped, later rests remain. A recording that is still running
-        is stopped first. Raises OSError for an unreadable file, otherwise as `move_trajectory`.
+        recording: a Recording, which is stopped if it is running, or the path of a file. speed:
+        fraction of the recorded speed, 0.01 to 1. The time at rest before the first motion is
+        skipped, later rests are replayed. Raises OSError if the file cannot be read, and the
+        exceptions of `move_trajectory`.
         """
         SPEED.checked(speed, 'speed')
         if not isinstance(recording, Recording):
@@ -165,23 +166,23 @@ class Motions(Arm):
         slow: bool = True,
         wait: bool = True,
     ) -> Motion:
-        """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
+        """Move the tool along a straight line to a pose.
 
         pose: a homogeneous matrix, shape (4, 4), m, or x y z, m, and a quaternion x y z w, shape
         (7,), or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the current
         tool frame), or a name given to `set_frame`. None: 'base_link', or 'base' for an
         EpsonPoint.
 
-        The orientation turns evenly about one axis. speed, acceleration: limits of the tool, m/s
-        and m/s², in bends too. turn_speed, turn_acceleration: limits of its rotation, rad/s and
-        rad/s². jerk: limit of the tool, m/s³. None: 10 / s of the acceleration. The jerk limit of
-        the rotation has the same ratio to its acceleration. accuracy: maximum distance, m, of the
-        path between the sent points from the line. If the measured tool exceeds it, the motion's
-        text reports the deviation. slow: reduce the speed where a joint limit requires it. False:
-        reject such a line.
+        The tool rotates about one axis at the same time. speed, acceleration: limits of the tool,
+        m/s and m/s², also in bends. turn_speed, turn_acceleration: limits of its rotation, rad/s
+        and rad/s². jerk: limit of the tool, m/s³. None: 10 / s times the acceleration. The jerk
+        limit of the rotation has the same ratio to its acceleration. accuracy: maximum distance,
+        m, between the line and the path through the sent points. If the measured distance is
+        larger, the motion's text reports it. slow: True reduces the speed where a joint limit
+        requires it. False rejects such a line.
 
-        Raises PathError, an ArgumentError, before anything is sent, for a pose out of reach or a
-        path through a singularity, with joint, place and limit. Otherwise as `move_joints`.
+        Raises PathError, before anything is sent, if the pose is out of reach or the line passes
+        a singularity. Also raises the exceptions of `move_joints`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -205,9 +206,10 @@ class Motions(Arm):
         slow: bool = True,
         wait: bool = True,
     ) -> Motion:
-        """Move the tool on a circle through a point, x y z in m, to a pose in the same frame.
+        """Move the tool along an arc through a point to a pose.
 
-        The point is x y z even if the pose is an EpsonPoint. Other arguments: see `move_line`.
+        via: the point, x y z in m, in the frame of the pose, even if the pose is an EpsonPoint.
+        Other arguments and exceptions: see `move_line`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -235,12 +237,12 @@ class Motions(Arm):
         """Move the tool through poses or Waypoints, on a line or an arc to each.
 
         blend: distance from each point, m, within which the tool may cut the corner without
-        stopping; 0: it stops there. blend and frame are defaults for points without their own. In
-        a corner the tool is as fast as the limits allow. 'tool' is the tool frame at the start of
-        the motion.
+        stopping. 0: the tool stops at the point. A Waypoint may have a different blend and frame.
+        In a corner the tool is as fast as the limits allow. The frame 'tool' is the tool frame at
+        the start of the motion.
 
-        Other arguments and errors: see `move_line`. An error in a single point, or a blend longer
-        than its segment, is reported with the point's index.
+        Other arguments and exceptions: see `move_line`. The text of an exception contains the
+        index of an invalid point, or of a point whose blend is longer than its segment.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -284,16 +286,16 @@ class Motions(Arm):
 
     @property
     def speed_scaling(self) -> float:
-        """Fraction of the planned speed at which all motions run."""
+        """Speed of all motions, as a fraction of their planned speed."""
         return self._connection.running.goal_queue.scaling.target
 
     @checked_arguments
     def set_speed_scaling(self, factor: float) -> None:
-        """Run all motions at this fraction of their planned speed, including the current one.
+        """Set the speed of all motions, also a running one, as a fraction of the planned speed.
 
-        factor: 0.01 to 1, or 0 for a pause: the arm brakes, and the motion continues at the next
-        nonzero value. A lower value applies to the points that the controller does not have yet
-        (docs/goals.md has the delay). Raises ArgumentError, and RobotError if the controller
-        cannot follow it.
+        factor: 0.01 to 1, or 0 for a pause: the arm brakes, and the motion continues once the
+        factor is not 0. A lower factor takes effect with a delay, because it does not apply to
+        points that the controller already has (docs/goals.md). Raises ArgumentError if the factor
+        is invalid, RobotError if the controller does not support it.
         """
         self._connection.set_speed_scaling(moves.checked_factor(factor))

@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Converts requests to checked trajectories. ValueErrors contain field, value and limit."""
+"""Converts arguments of the motion methods to checked trajectories and paths.
+
+A ValueError names the argument, its value and the limit.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,14 +33,17 @@ from epson_driver.tool_motion.tool_pose import numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 LOOK_M, MAX_LOOKS = 1e-3, 2000
-"""Spacing, m, of the path samples for the accuracy check, and their maximum number."""
+"""Spacing of the path samples for the accuracy check, m, and their maximum number per run."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
-"""Path points closer than both are the same point. Encoder jitter is smaller."""
+"""Distance and angle up to which two poses count as the same. Encoder jitter is smaller."""
 
 
 def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
-    """Return numbers as shape (n,), or (k, n) with `rows`, for n joints. Raises ValueError."""
+    """Return values for n joints as an array of shape (n,), or (k, n) with `rows`.
+
+    Raises ValueError if the shape is wrong or a value is not finite.
+    """
     form = 'rows of numbers, all of one length' if rows else 'numbers'
     array = numbers(field, values, form)
     count = len(limits.names)
@@ -57,7 +63,7 @@ def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> 
 
 
 def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajectory:
-    """Return a trajectory within the limits. Raises ValueError with the driver's message."""
+    """Return the trajectory. Raises ValueError, with the driver's text, if it exceeds a limit."""
     from epson_driver.driver.goal.goal import check_limits
 
     try:
@@ -68,7 +74,7 @@ def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajecto
 
 
 def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> JointLimits:
-    """Return limits with fractions, (0, 1], of velocity, and of acceleration and jerk."""
+    """Return the limits scaled by fractions, (0, 1]. `acceleration` also scales the jerk."""
     return replace(
         limits,
         velocity=limits.velocity * speed,
@@ -99,7 +105,7 @@ def tool_limits(
     jerk: float | None,
     slow: bool,
 ) -> ToolLimits:
-    """Return the limits of a tool motion. Raises ValueError with the argument's name."""
+    """Return the limits of a tool motion. Raises ValueError if an argument is invalid."""
     given = {
         'speed': speed,
         'acceleration': acceleration,
@@ -133,9 +139,10 @@ class PathPoint:
     blend: float = 0.0
 
     def segment(self, before: Array, start: Array) -> PosePath:
-        """Return the segment from a pose to this point. Raises ValueError.
+        """Return the segment from a pose to this point.
 
-        start: the tool's pose at the start of the motion.
+        before: the pose, shape (4, 4), m. start: the pose of the tool at the start of the motion.
+        Raises ValueError if the points of an arc do not define one.
         """
         end = self.pose.seen_from(start)
         if self.via is None:
@@ -143,9 +150,9 @@ class PathPoint:
         return arc(before, self.via.seen_from(start)[:3, 3], end)
 
     def run(self, start: Array) -> list[Run]:
-        """Return the path from `start`, a pose in base_link, or [] if the tool is already there.
+        """Return the path to this point as one run, or [] if the tool is already there.
 
-        Raises ValueError.
+        start: the pose of the tool in base_link. Raises ValueError like `segment`.
         """
         segment = self.segment(start, start)
         return [] if _is_none(segment) else runs([segment], [])
@@ -154,7 +161,10 @@ class PathPoint:
 def path_points(
     points: Sequence[Waypoint | Pose], blend: float, frame: str | None, frames: Frames
 ) -> list[PathPoint]:
-    """Return a user's waypoints, with default blend and frame. Raises ValueError."""
+    """Return the checked points of a path.
+
+    blend, frame: defaults for points without their own. Raises ValueError if a point is invalid.
+    """
     _BLEND.checked(blend, 'blend')
     if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
         raise ValueError(f'points = {points!r}: must be a list of poses or way points')
@@ -180,10 +190,10 @@ def path_points(
 
 
 def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
-    """Return the path from `start`, a pose in base_link, through points.
+    """Return the path through points, as runs: the parts between two stops of the tool.
 
-    [] if the tool is already at all of them. Raises ValueError with the point's index, for a
-    blend that does not fit or an invalid arc.
+    start: the pose of the tool in base_link. The result is [] if the tool is already at all
+    points. Raises ValueError if a blend does not fit or an arc is invalid.
     """
     segments: list[PosePath] = []
     before = start
@@ -210,10 +220,10 @@ def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
 
 
 def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoint]]:
-    """Merge consecutive points at the same place and return each with the index of its last one.
+    """Merge consecutive points with the same pose, and return the points with their indices.
 
-    A merged point has the smallest blend. Leading points at the tool's start pose are dropped,
-    except the last point of the path.
+    A merged point has the smallest blend and the last index of its points. Points at the start
+    pose before the first motion are dropped, except the last point of the path.
     """
     kept: list[tuple[int, PathPoint]] = []
     place = start
@@ -234,7 +244,7 @@ def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoi
 
 def _same_place(first: Array, second: Array) -> bool:
     away = np.linalg.norm(first[:3, 3] - second[:3, 3])
-    turned = np.linalg.norm(first[:3, :3] - second[:3, :3]) / np.sqrt(2.0)  # of a small turn
+    turned = np.linalg.norm(first[:3, :3] - second[:3, :3]) / np.sqrt(2.0)  # a small angle, rad
     return bool(away <= SAME_PLACE_M and turned <= SAME_PLACE_RAD)
 
 
@@ -257,7 +267,7 @@ _BLEND = number(0.0, 100.0, 'm')
 
 
 def checked_factor(value: float) -> float:
-    """Return a valid speed scaling factor. Raises ValueError."""
+    """Return a speed scaling factor. Raises ValueError if it is invalid."""
     from epson_driver.driver.goal.reference import MIN_FACTOR
 
     moving = number(MIN_FACTOR, 1.0)
@@ -269,7 +279,10 @@ def checked_factor(value: float) -> float:
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:
-    """Return waypoints, shape (k, n), with placeholder times. Raises ValueError."""
+    """Return joint positions, shape (k, n), as a trajectory with placeholder times.
+
+    Raises ValueError if they are invalid or exceed a limit.
+    """
     from epson_driver.driver.goal.goal import untimed
 
     positions = limits.settled(joint_rows(field, values, limits, rows=True))
@@ -279,7 +292,7 @@ def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajector
 
 
 def joined(first: Trajectory, then: Trajectory) -> Trajectory:
-    """Return two trajectories in sequence. The second starts at rest at the end of the first."""
+    """Return two trajectories in sequence. The second must start at rest at the first's end."""
     assert first.velocities is not None  # noqa: S101 - for the type checker
     assert then.velocities is not None  # noqa: S101 - for the type checker
     return Trajectory(
@@ -291,9 +304,10 @@ def joined(first: Trajectory, then: Trajectory) -> Trajectory:
 
 
 def divided(trajectory: Trajectory, start: Array) -> Trajectory:
-    """Return a trajectory from `start`, shape (n,), with points LONGEST_SEGMENT_S apart at most.
+    """Return a trajectory whose points are at most LONGEST_SEGMENT_S apart.
 
-    The path is the driver's interpolation of the given trajectory.
+    start: the joint positions before the first point, shape (n,). Points are added where
+    necessary, by the same interpolation as in the driver.
     """
     from epson_driver.driver.goal.reference import ReferenceTrajectory
 
@@ -330,7 +344,10 @@ def planned(
     joint_names: Sequence[str] | None,
     limits: JointLimits,
 ) -> Trajectory:
-    """Return a user's trajectory in the controller's joint order. Raises ValueError."""
+    """Return a user's trajectory with its joints in the order of `limits`.
+
+    Raises ValueError if an argument is invalid or the trajectory exceeds a limit.
+    """
     names = limits.names
     if joint_names is not None:
         read = partial(_permuted, names)

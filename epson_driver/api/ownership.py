@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ownership of a connection to an arm: one Robot of this process, which always releases it.
+"""Ownership of arms: at most one Robot of this process is connected to an arm.
 
-* A Robot that connects to an arm takes it over from another Robot of this process, which is closed
-  first. This allows a notebook cell to run twice.
+* If a Robot connects to an arm, another connected Robot of this process is closed first. This
+  allows a notebook cell to run twice.
 * When the interpreter ends, open connections are closed and their arms stopped.
 * A forked child process does not share the connections of its parent.
 """
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 class Unique:
-    """Base of objects that can be neither copied nor pickled."""
+    """Base class of objects that can be neither copied nor pickled."""
 
     def __reduce__(self) -> NoReturn:
         kind = type(self).__name__
@@ -55,7 +55,7 @@ class Process:
 
 
 class Owned(Protocol):
-    """Interface of a connection to an arm."""
+    """Interface of a connection, which owns an arm."""
 
     loop: asyncio.AbstractEventLoop
 
@@ -74,7 +74,7 @@ _lock = threading.Lock()
 
 
 async def take_over(address: Address, owner: Owned) -> None:
-    """Become the owner of the connection to an address. A previous owner is closed first."""
+    """Register the owner of a controller address, and close the previous owner."""
     with _lock:
         before, _owners[address] = _owners.get(address), owner
     if before is None or before is owner or before.loop.is_closed():
@@ -88,7 +88,7 @@ async def take_over(address: Address, owner: Owned) -> None:
 
 
 def release(owner: Owned) -> None:
-    """Release all connections of an owner."""
+    """Remove the registration of an owner."""
     with _lock:
         for address in [item for item, result in _owners.items() if result is owner]:
             del _owners[address]
@@ -99,7 +99,10 @@ def close_soon(
     process: Process,
     close: Callable[[], Coroutine[Any, Any, None]],
 ) -> None:
-    """Schedule `close` in the event loop, for a lost object. Callable in any thread."""
+    """Schedule `close` in the event loop. Callable in any thread, and by finalizers.
+
+    Do nothing if the loop has been closed, or in a forked child process.
+    """
     if process.forked or loop.is_closed():
         return
 
@@ -125,7 +128,7 @@ def _close_all() -> None:
 
 
 def _forget() -> None:
-    """Drop the parent's sockets in a forked child. Its copies would keep them open."""
+    """Close the parent's sockets in a forked child, whose copies would keep them open."""
     global _lock  # a thread of the parent may hold it
     _lock = threading.Lock()
     owners, nowhere = list(_owners.values()), os.open(os.devnull, os.O_RDWR)

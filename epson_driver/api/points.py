@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points of a robot: a mapping from names to EpsonPoints, with files."""
+"""Taught points of a Robot: a mapping from names to EpsonPoints, with files."""
 
 from collections.abc import Awaitable, Callable, Iterator
 from os import PathLike
@@ -14,8 +14,7 @@ from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
 class Points(Unique):
     """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
 
-    The arm moves to a point in the configuration nearest to the current one, not in the file's.
-    `here` returns the tool's point, and the arm's posture or why it is unknown.
+    Motions to a point use the configuration nearest to the current one, not the file's posture.
     """
 
     def __init__(
@@ -29,17 +28,20 @@ class Points(Unique):
 
     @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError, and ArgumentError for a label without a position."""
+        """Return a point.
+
+        Raises KeyError if it does not exist, ArgumentError if it has no usable position.
+        """
         return self._taught.get(name)
 
     @checked_arguments
     def __setitem__(self, name: str, point: EpsonPoint) -> None:
-        """Set or add a point. Raises ArgumentError."""
+        """Set or add a point. Raises ArgumentError if the name or the point is invalid."""
         self._taught.set(name, point)
 
     @checked_arguments
     def __delitem__(self, name: str) -> None:
-        """Delete a point. Raises KeyError."""
+        """Delete a point. Raises KeyError if it does not exist."""
         self._taught.remove(name)
 
     def __iter__(self) -> Iterator[str]:
@@ -58,7 +60,7 @@ class Points(Unique):
     def teach(self, name: str) -> EpsonPoint:
         """Set or add a point at the current tool position, and return it.
 
-        Raises ArgumentError, and as `Robot.joints`.
+        Raises ArgumentError if the name is invalid, RobotError if the joints are too old.
         """
         point, posture = self._here()
         self._taught.set(name, point, posture)
@@ -68,7 +70,7 @@ class Points(Unique):
     def load(self, path: str | PathLike[str]) -> int:
         """Replace all points by those in a .pts or .yaml file, and return their number.
 
-        Raises OSError, and ArgumentError with the file and the error in it.
+        Raises OSError if the file cannot be read, ArgumentError if it is invalid.
         """
         return self._taught.load(path)
 
@@ -76,7 +78,7 @@ class Points(Unique):
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        Unchanged lines of a .pts file are preserved. Raises OSError, and ArgumentError for a point
-        that the file format does not support.
+        Unchanged content of a .pts file is preserved. Raises OSError if the file cannot be
+        written, ArgumentError if its format does not support a point.
         """
         self._taught.save(path)

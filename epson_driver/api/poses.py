@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The forms in which a user may give a pose, and the frames in which it is interpreted.
+"""Poses, waypoints and tools as arguments of a Robot, and the named frames of the poses.
 
-ValueErrors contain the field, the invalid value and the allowed values.
+A ValueError names the argument, the invalid value and the allowed values.
 """
 
 from dataclasses import dataclass
@@ -21,15 +21,14 @@ from epson_driver.tool_motion.tool_pose import (
 )
 
 BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
-"""The predefined frames: base_link of REP-103, EPSON's world, and the current tool frame."""
+"""The built-in frames: the arm's base_link, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""Tolerance of a rotation matrix. It is replaced by the nearest rotation, because printed matrices
-have few digits."""
+"""Tolerance of a rotation matrix, because printed matrices have few digits. The nearest rotation
+is used instead."""
 
 MM_SUSPICION = 10.0
 """Multiple of the arm's reach beyond which a position is suspected to be in mm."""
-
 
 Pose = npt.ArrayLike | EpsonPoint
 """x y z (m) and a quaternion x y z w (ROS order), a homogeneous matrix (m), or an EPSON point."""
@@ -39,9 +38,9 @@ Pose = npt.ArrayLike | EpsonPoint
 class Waypoint:
     """A pose in the path of `move_path`.
 
-    via: a point, x y z in m, that makes the segment to the pose an arc; None: a line. blend:
-    distance from the pose, m, within which the tool may cut the corner; 0: it stops there. frame:
-    of pose and via. None for frame or blend: the default of `move_path`.
+    via: a point, x y z in m, through which the tool moves on an arc. None: it moves on a line.
+    blend: distance from the pose, m, within which the tool may cut the corner. 0: it stops at the
+    pose. frame: the frame of pose and via. A blend or frame of None is that of `move_path`.
     """
 
     pose: Pose
@@ -58,7 +57,7 @@ class Target:
     in_tool: bool = False
 
     def seen_from(self, tool: Array) -> Array:
-        """Return the pose in base_link for a tool at this pose, shape (4, 4)."""
+        """Return the pose in base_link. tool: the pose of the tool at the start, shape (4, 4)."""
         return np.asarray(tool @ self.pose) if self.in_tool else self.pose
 
 
@@ -84,7 +83,7 @@ class Tool:
 
 
 def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
-    """Return a checked tool from a user's arguments. Raises ValueError."""
+    """Return the tool for a user's arguments. Raises ValueError if one is invalid."""
     checked = checked_pose('pose', pose)
     check_tool_distance('pose', checked)
     limits = {'max_speed': max_speed, 'max_acceleration': max_acceleration}
@@ -95,7 +94,7 @@ def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | 
 
 
 class Frames:
-    """Named frames. Each is a pose in base_link, shape (4, 4), m."""
+    """Named frames, stored as poses in base_link, shape (4, 4), m."""
 
     def __init__(self, base: Array, reach: float) -> None:
         """Store EPSON's world in base_link, shape (4, 4), and the arm's reach, m."""
@@ -108,7 +107,7 @@ class Frames:
         return {name: pose.copy() for name, pose in self._poses.items()}
 
     def set(self, name: str, pose: Pose, parent: str | None) -> None:
-        """Set a frame by its pose in a parent frame. Raises ValueError."""
+        """Set a frame by its pose in a parent frame. Raises ValueError if one is invalid."""
         if not isinstance(name, str) or not name:
             raise ValueError(f'name = {name!r}: must be a word')
         if name in (BASE_LINK, BASE, TOOL):
@@ -117,22 +116,22 @@ class Frames:
         self._poses[name] = self._pose_of(_usual(parent, pose), 'parent', []) @ checked
 
     def target(self, field: str, pose: Pose, frame: str | None) -> Target:
-        """Return a pose in a frame as a Target. Raises ValueError.
+        """Return a pose in a frame as a Target. Raises ValueError if pose or frame is invalid.
 
-        frame: None for base_link, or for EPSON's world if the pose is an EPSON point.
+        frame: None selects base_link, or EPSON's world if the pose is an EpsonPoint.
         """
         return self._placed(checked_pose(field, pose), _usual(frame, pose), field)
 
     def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
-        """Return a point, x y z in m, as a Target, in the frame that `target` uses for a pose.
+        """Return a point, x y z in m, as a Target whose orientation has no meaning.
 
-        Its orientation has no meaning. Raises ValueError.
+        frame: as in `target` for `pose`. Raises ValueError if point or frame is invalid.
         """
         place = homogeneous(np.eye(3), checked_point(field, xyz))
         return self._placed(place, _usual(frame, pose), field)
 
     def pose_in(self, pose: Array, frame: str) -> Array:
-        """Convert a pose from base_link to a frame. Raises ValueError."""
+        """Convert a pose from base_link to a frame. Raises ValueError if the frame is unknown."""
         return np.asarray(np.linalg.inv(self._pose_of(frame, 'frame', [])) @ pose)
 
     def _placed(self, pose: Array, frame: str, field: str) -> Target:
@@ -142,7 +141,10 @@ class Frames:
         return Target(placed, in_tool)
 
     def _pose_of(self, frame: str, where: str, more: list[str]) -> Array:
-        """Return a frame's pose. Raises ValueError with the names of all frames and `more`."""
+        """Return a frame's pose in base_link. Raises ValueError if the frame is unknown.
+
+        more: further allowed names, for the text of the exception.
+        """
         if not isinstance(frame, str) or frame not in self._poses:
             *names, last = [*self._poses, *more]
             raise ValueError(f'{where} = {frame!r}: must be {", ".join(names)} or {last}')
@@ -158,7 +160,7 @@ class Frames:
 
 
 def checked_point(field: str, values: npt.ArrayLike) -> Array:
-    """Return three finite numbers, shape (3,). Raises ValueError."""
+    """Return three numbers as an array. Raises ValueError if they are not three finite numbers."""
     array = finite_numbers(field, values)
     if array.shape != (3,):
         raise ValueError(f'{field} has shape {array.shape}: must be (3,), x y z in m')
@@ -166,7 +168,7 @@ def checked_point(field: str, values: npt.ArrayLike) -> Array:
 
 
 def checked_pose(field: str, values: Pose) -> Array:
-    """Return a homogeneous matrix, shape (4, 4), with the position in m. Raises ValueError."""
+    """Return a pose as a homogeneous matrix, shape (4, 4), m. Raises ValueError if invalid."""
     if isinstance(values, EpsonPoint):
         return values.pose
     array = finite_numbers(field, values)
@@ -191,7 +193,7 @@ def checked_pose(field: str, values: Pose) -> Array:
 
 
 def is_pose(values: Pose, joints: int) -> bool:
-    """Return whether values have the form of a pose, not of `joints` joint positions."""
+    """Return whether values have the form of a pose, and not of positions of `joints` joints."""
     if isinstance(values, EpsonPoint):
         return True
     try:
@@ -208,7 +210,7 @@ _LIMITS = {
 
 
 def _usual(frame: str | None, pose: Pose) -> str:
-    """Return the frame of a pose. Default: EPSON's world for an EPSON point, else base_link."""
+    """Return the frame of a pose. Default: EPSON's world for an EpsonPoint, else base_link."""
     if frame is not None:
         return frame
     return BASE if isinstance(pose, EpsonPoint) else BASE_LINK

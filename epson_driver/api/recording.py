@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded joint samples: saved to a file, and converted to a trajectory for replay."""
+"""Recordings of measured joints, saved to files, and converted to trajectories for replay."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -20,28 +20,28 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.state.robot_state import JointSample
 
 LONGEST_S = 3600.0
-"""Maximum duration, s. A recording is stored in memory, so it ends automatically."""
+"""Maximum duration of a recording, s, because it is stored in memory."""
 
 MAX_GAP_S = 0.5
 """Longest gap between samples, s. The path in a longer gap is unknown."""
 
 NEAR = {'rad': 2e-3, 'm': 2e-4}
-"""Maximum deviation of the replayed path from the recorded path."""
+"""Maximum deviation of the replayed path from the recorded path, by unit."""
 
 REST = {'rad': 0.02, 'm': 0.002}
-"""Speed per s below which a joint is at rest. Measured joints jitter."""
+"""Speed below which a joint counts as at rest, per s, by unit. Measured positions jitter."""
 
 SLOPE_SAMPLES = 3
-"""Number of samples on either side from which a velocity is computed as a slope."""
+"""Number of samples before and after a sample from which its velocity is computed."""
 
 RATE = number(0.1, 1000.0, 'per s')
 SPEED = number(0.01, 1.0)
 
 
 class Recording(Unique):
-    """A measured motion, from `Robot.record` until `stop`, or from a file.
+    """Measured joint positions, recorded by `Robot.record` or loaded from a file.
 
-    Times are s from its start. It ends when the robot is closed, and after an hour.
+    Recording ends with `stop`, when the Robot is closed, or after an hour.
     """
 
     def __init__(self, joint_names: tuple[str, ...], period: float = 0.0) -> None:
@@ -60,7 +60,7 @@ class Recording(Unique):
 
     @property
     def times(self) -> Array:
-        """Time of each sample, shape (k,), s."""
+        """Time of each sample from the first one, shape (k,), s."""
         return np.array([time for time, _ in self._rows])
 
     @property
@@ -70,7 +70,7 @@ class Recording(Unique):
 
     @property
     def duration(self) -> float:
-        """Duration, s."""
+        """Time from the first to the last sample, s."""
         return self._rows[-1][0] if self._rows else 0.0
 
     def stop(self) -> None:
@@ -79,7 +79,10 @@ class Recording(Unique):
 
     @checked_arguments
     def save(self, path: str | PathLike[str]) -> None:
-        """Stop, and write the recording as a ROS trajectory (YAML). Raises RobotError, OSError."""
+        """Stop, and write the recording as a ROS trajectory (YAML).
+
+        Raises RobotError if the recording is empty, OSError if the file cannot be written.
+        """
         self.stop()
         self._check_any()
         recorded = Trajectory(self.joint_names, self.times, self.positions)
@@ -88,7 +91,10 @@ class Recording(Unique):
     @classmethod
     @checked_arguments
     def load(cls, path: str | PathLike[str]) -> 'Recording':
-        """Read a saved recording or another trajectory. Raises ArgumentError, OSError."""
+        """Read a saved recording or another trajectory file.
+
+        Raises ArgumentError if the file is invalid, OSError if it cannot be read.
+        """
         read = read_trajectory(Path(path))
         result = cls(read.joint_names)
         result._rows = list(
@@ -101,10 +107,11 @@ class Recording(Unique):
         self._stop = add(self._take)
 
     def plan(self, limits: JointLimits, speed: float) -> Trajectory:
-        """Return the recording as a trajectory from rest to rest, at a fraction of the speed.
+        """Return the recording as a trajectory from rest to rest.
 
-        The time before the first motion is skipped. Raises RobotError if the recording is empty,
-        and ValueError if its joint names are not the arm's or its samples have a gap.
+        speed: fraction of the recorded speed. The time before the first motion is skipped. Raises
+        RobotError if the recording is empty, ValueError if its joint names are not the arm's or
+        its samples have a gap.
         """
         self._check_any()
         if self.joint_names != limits.names:
@@ -154,7 +161,10 @@ class Recording(Unique):
 
 
 def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
-    """Return indices, including `anchors`, of points whose polyline deviates by at most 1."""
+    """Return the indices of the rows that a replay needs, including `anchors`.
+
+    A polyline through these rows is at most 1 away from every row.
+    """
     kept, open_parts = set(anchors), list(pairwise(anchors))
     while open_parts:
         first, last = open_parts.pop()
@@ -171,7 +181,7 @@ def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
 
 
 def _slopes(times: Array, positions: Array) -> Array:
-    """Return the velocities at each sample, as the slope over its neighbors, shape (k, n)."""
+    """Return the velocity at each sample, shape (k, n): the slope of a line fit to neighbors."""
     result = np.zeros_like(positions)
     for index in range(len(times)):
         near = slice(max(index - SLOPE_SAMPLES, 0), index + SLOPE_SAMPLES + 1)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings that most robots do not need."""
+"""The optional settings of a Robot, which correspond to ROS parameters."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -14,7 +14,7 @@ ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
 
 
 def setting(name: str, *usual: object) -> Any:
-    """Return a field for a row of the table. `usual`: a default that replaces the row's."""
+    """Return the field for a ROS parameter. `usual`: a default other than the parameter's."""
     row = ROWS[name]
     default = usual[0] if usual else row.default
     return field(
@@ -26,13 +26,13 @@ def setting(name: str, *usual: object) -> Any:
 class Settings:
     """Settings that most robots do not need. Names, units and defaults match the ROS parameters.
 
-    None: the value of the controller's profile or of the robot model. goal_tolerance,
-    start_tolerance: rad (m), all joints. A goal tolerance of 0 disables the check. Times in s.
-    require_planned_speed: reject motions that the controller is known to execute faster.
-    servo_scale: fraction of the joint limits available to streams. servo_timeout: time after the
-    last setpoint at which the arm brakes. gripper: its wiring, or None. trace_file: path of a new
-    pcap file that `connect` creates (docs/report.md). %Y%m%d-%H%M%S in its name is expanded. See
-    docs/ros_interface.md for each.
+    None selects the value of the controller's profile or of the robot model. Times are in s.
+    goal_tolerance, start_tolerance: for all joints, rad (m). A goal tolerance of 0 disables the
+    check. require_planned_speed: whether to reject motions that the controller is known to execute
+    faster than planned. servo_scale: fraction of the joint limits available to streams.
+    servo_timeout: time after the last setpoint at which the arm brakes. gripper: its wiring, or
+    None. trace_file: path of a new pcap file that `connect` creates (docs/report.md);
+    %Y%m%d-%H%M%S in its name is expanded. docs/ros_interface.md describes all of them.
     """
 
     joint_names: tuple[str, ...] | None = setting('joint_names', None)
@@ -72,10 +72,10 @@ _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 def given_values(
     settings: Settings, host: str, controller: str, model: str, **ports: int | None
 ) -> dict[str, Any]:
-    """Return the settings and the arguments of a Robot by parameter name.
+    """Return the settings and the arguments of a Robot by ROS parameter name.
 
-    A port of None is the profile's. Raises ValueError with the argument, its value and the
-    allowed values.
+    A port of None is left out, because the profile has its default. Raises ValueError if an
+    argument is invalid.
     """
     values: dict[str, Any] = {}
     there = {name: port for name, port in ports.items() if port is not None}

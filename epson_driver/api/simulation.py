@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated controller in a separate process, and operator actions on it."""
+"""The simulated controller of a Robot, in a separate process, and operator actions on it."""
 
 import asyncio
 import contextlib
@@ -15,10 +15,10 @@ from epson_driver.remote_ethernet.client import connected
 from epson_driver.remote_ethernet.hand import RefusedError, action, do
 
 START_TIMEOUT_S = 60.0
-"""Timeout until it listens, s. It loads numpy and starts a planner."""
+"""Timeout for the start of the process, s, which loads numpy and starts a planner."""
 
 END_TIMEOUT_S = 5.0
-"""Timeout until it ends, s. After that it is killed."""
+"""Timeout for the end of the process, s. After that it is killed."""
 
 MAX_CHARACTERS = 4096
 """Characters of the controller's output kept for error messages."""
@@ -30,10 +30,11 @@ _WORDS = {'motion', 'state', 'io', 'remote'}
 
 
 class SimulatedController:
-    """Runs `sim_controller` on free ports of this machine, with these arguments.
+    """Runs `sim_controller` as a separate process, on free ports of this machine.
 
-    It runs in a separate session, so Ctrl-C only reaches the program that uses it. It ends with
-    `close`, and always with this process, because it watches its standard input.
+    arguments: its command-line arguments. The process has its own session, so Ctrl-C does not
+    reach it. It ends with `close`, and also if this process ends, because it watches its standard
+    input.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -49,7 +50,10 @@ class SimulatedController:
         return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
     async def start(self) -> dict[str, int]:
-        """Start it and return its ports once it listens. Raises RobotError with its last line."""
+        """Start the process and return its ports by argument name, such as `motion_port`.
+
+        Raises RobotError, with the last line of its output, if it does not start.
+        """
         words = [f'--{name}-port=0' for name in sorted(_WORDS)]
         process = self._process = await asyncio.create_subprocess_exec(
             *module_command('epson_driver.cli', 'sim_controller', '--until-stdin-ends'),
@@ -82,7 +86,7 @@ class SimulatedController:
         return {f'{name}_port': int(numbers[name]) for name in _WORDS}
 
     async def _listen(self, stream: asyncio.StreamReader) -> None:
-        """Read the process's output, so that it never blocks on a full pipe."""
+        """Read the process's stderr, so that it never blocks on a full pipe."""
         while block := await stream.read(2**16):
             self._reported = (self._reported + block.decode(errors='replace'))[-MAX_CHARACTERS:]
 
@@ -113,9 +117,9 @@ WORDS = Rule(str.split, "must be a text, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
-    """Operator actions on a simulated controller. Raises RobotError for any other controller.
+    """Operator actions on a simulated controller.
 
-    `port` returns the controller's remote port, or raises RobotError.
+    The methods raise RobotError if the controller is not simulated.
     """
 
     def __init__(self, port: Callable[[], int]) -> None:
@@ -123,12 +127,12 @@ class Simulation(Unique):
 
     @checked_arguments
     async def estop(self, pressed: bool = True) -> None:
-        """Press the E-stop button, or release it. It stays latched until `Robot.reset`."""
+        """Press or release the E-stop button. The E-stop stays active until `Robot.reset`."""
         await self._do(f'estop {"press" if pressed else "release"}')
 
     @checked_arguments
     async def door(self, is_open: bool = True) -> None:
-        """Open or close the safeguard door. Tasks that it has paused wait for `go_on`."""
+        """Open or close the safeguard door. Tasks paused by it continue with `go_on`."""
         await self._do(f'door {"open" if is_open else "close"}')
 
     async def go_on(self) -> None:
@@ -137,18 +141,18 @@ class Simulation(Unique):
 
     @checked_arguments
     async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
-        """Set an input as if wired: DI (0 or 1) or AI (mV)."""
+        """Set an input of the controller: DI to 0 or 1, or AI to a value in mV."""
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
         point = f'{INPUT.checked(str(kind).upper(), "kind")} {INDEX.checked(index, "index")}'
         await self._do(f'io {point} {number}')
 
     @checked_arguments
     async def fault(self, text: str) -> None:
-        """Start a fault, such as 'cut for=0.5', or end it with 'clear' (docs/controller.md)."""
+        """Start a fault, such as 'cut for=0.5', or end all with 'clear' (docs/controller.md)."""
         await self._do(' '.join(['fault', *WORDS.checked(text, 'text')]))
 
     async def _do(self, words: str) -> None:
-        """Run a `pendant` command. Raises RobotError with the controller's reason."""
+        """Run a command of `pendant`. Raises RobotError if the controller refuses it."""
         port = self._port()
         try:
             async with connected('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""State of arm and controller at one time, including a text for users."""
+"""Types for the state of arm and controller, with texts for users."""
 
 from dataclasses import dataclass
 
@@ -20,10 +20,10 @@ class ControllerError:
 class RobotStatus:
     """Current state of arm and controller.
 
-    A field is None if the controller does not report it, or the link is down. connected: both
-    links are up. enabled: motions are accepted. paused: the controller denies motion for a while,
-    or the speed scaling is 0. text: the state as a clause. remedy: the action needed before the
-    arm can move, or ''.
+    A field is None if the controller does not report it, or the link is down. connected: whether
+    the motion and the state link are up. enabled: whether motions are allowed. paused: whether the
+    controller has interrupted motion without an error, or the speed scaling is 0. mode: 'manual'
+    or 'auto'. text: the state as a clause. remedy: the action needed before the arm can move.
     """
 
     connected: bool
@@ -41,10 +41,10 @@ class RobotStatus:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """Joints measured at one time, and the robot's state at that time.
+    """Measured joints, with the time of the measurement, and the robot's state.
 
-    positions, velocities: shape (n,), rad and rad/s (m, m/s). time: of the measurement, s since
-    1970, like `time.time()`.
+    positions, velocities: shape (n,), rad and rad/s (m, m/s). time: like `time.time()`, s since
+    1970.
     """
 
     positions: Array

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Streams of setpoints: a source of the driver's servo, subject to the same rules.
+"""Methods of a Robot that send streams of setpoints to the driver's servo.
 
-An invalid setpoint is also reported to the servo. A program that keeps sending after a stop has
-not released its stream, even if its setpoints are invalid.
+Invalid setpoints are reported to the servo, too. After a stop it requires a pause in the stream
+before it follows again, and a program that sends invalid setpoints has not paused.
 """
 
 import asyncio
@@ -26,10 +26,10 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.servo.servo import Servo
 
 SOURCE = 'servo()'
-"""Source name of all setpoints of a Robot, shared by its methods."""
+"""Name of the stream that all methods of a Robot share, for texts."""
 
 MAX_JUMP_RAD = 0.5
-"""Maximum joint step between two pose setpoints. A pose that needs more is rejected."""
+"""Maximum step of a joint between two pose setpoints. A larger step is rejected."""
 
 OFF_COURSE = 0.02
 """Maximum deviation from the requested tool velocity, as a fraction of it. A larger one indicates
@@ -37,20 +37,20 @@ a singularity."""
 
 
 class Streams(Arm):
-    """Streams of setpoints for an arm. Robot inherits all of them."""
+    """Methods that send setpoint streams. Robot inherits all of them."""
 
     @checked_arguments
     def servo(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None = None) -> None:
-        """Follow joint positions, shape (n,), rad (m), sent 10 to 500 times a second.
+        """Send a setpoint of a stream: joint positions, shape (n,), rad (m).
 
-        velocities: the velocities at these positions, shape (n,); None: estimated. Only the newest
-        setpoint is used. The arm follows within a fraction of its limits (`Settings.servo_scale`).
-        The first setpoint must be within 0.1 rad of the arm, and the arm stops at the last one.
-        After a stop or a disable, a stream must be silent for a second before it can restart
-        (docs/servo.md).
+        Call it 10 to 500 times a second. velocities: joint velocities at these positions, shape
+        (n,). None: they are estimated. The arm follows the newest setpoint within a fraction of
+        its limits (`Settings.servo_scale`). The first setpoint must be within 0.1 rad of the arm,
+        and the arm stops at the last one. After a stop or disable, send nothing for a second
+        before starting again (docs/servo.md).
 
-        Raises ArgumentError for an invalid setpoint. Raises RobotError or MotionError with the
-        reason while the stream is not followed. The setpoint is then dropped.
+        Raises ArgumentError if the setpoint is invalid. Raises RobotError or MotionError, and
+        drops the setpoint, if it cannot be followed now.
         """
         limits = self.model.limits
         with self._received() as servo:
@@ -62,7 +62,7 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_velocity(self, velocities: npt.ArrayLike) -> None:
-        """Follow joint velocities, shape (n,), rad/s (m/s). Otherwise like `servo`."""
+        """Send a setpoint like `servo`: joint velocities, shape (n,), rad/s (m/s)."""
         with self._received() as servo:
             given = joint_rows('velocities', velocities, self.model.limits, rows=False)
             _check_possible(given, self.model.limits)
@@ -70,10 +70,10 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
-        """Follow a pose of the tool, in any form and frame that `move_line` accepts.
+        """Send a setpoint like `servo`: a pose of the tool, in any form that `move_line` accepts.
 
-        The configuration nearest to the current one is used. Raises PathError for a pose that is
-        out of reach or needs another configuration. Otherwise like `servo`.
+        The arm uses the configuration nearest to the current one. Raises PathError if the pose is
+        out of reach or needs another configuration, and the exceptions of `servo`.
         """
         arm, limits = self._hand[1], self.model.limits
         with self._received() as servo:
@@ -94,11 +94,12 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = BASE_LINK) -> None:
-        """Follow a velocity of the tool: x y z, m/s, and about x y z, rad/s, shape (6,).
+        """Send a setpoint like `servo`: a velocity of the tool, shape (6,).
 
-        frame: axes of the velocity, 'base_link' or 'tool' (the current tool frame). The motion is
-        slower where a joint would be too fast. Raises PathError where the tool cannot move in this
-        direction. Otherwise like `servo`.
+        velocity: along x y z, m/s, and about x y z, rad/s. frame: axes of the velocity,
+        'base_link' or 'tool' (the current tool frame). The tool is slower where a joint would be
+        too fast. Raises PathError if the tool cannot move in this direction, and the exceptions of
+        `servo`.
         """
         arm = self._hand[1]
         with self._received() as servo:
@@ -135,7 +136,7 @@ class Streams(Arm):
 
     @contextmanager
     def _received(self) -> Iterator['Servo']:
-        """Report an invalid setpoint to the servo, so the stream does not count as released."""
+        """Yield the servo. Report a ValueError in the block to it, as an invalid setpoint."""
         servo = self._connection.running.servo
         try:
             yield servo
@@ -159,7 +160,7 @@ class Streams(Arm):
         raise RobotError(f'the setpoint is not followed: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:
-        """Return the joints commanded by the stream, shape (n,), or else the measured ones."""
+        """Return the joints commanded by a followed stream, shape (n,), or the measured joints."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 

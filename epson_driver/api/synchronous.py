@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The classes of the asynchronous API without asyncio, derived from them member by member.
+"""The synchronous classes of the Python API, derived from the asynchronous ones.
 
-Each decorator takes a member of an asynchronous class and returns the corresponding member of the
-synchronous class. It has the same arguments, types and docstring, and runs in the event loop's
-thread.
+Each function below takes a member of an asynchronous class and returns the corresponding member of
+a synchronous class. The member has the same arguments, types and docstring. It is executed in the
+event loop's thread.
 """
 
 import inspect
@@ -27,7 +27,7 @@ T = TypeVar('T')
 
 
 class Synchronous(Unique, Generic[A_co]):
-    """An asynchronous object, and the session whose event loop runs its methods."""
+    """Base class of synchronous objects: an asynchronous object and the session that runs it."""
 
     def __init__(self, awaited: A_co, session: Session) -> None:
         self._awaited = awaited
@@ -38,16 +38,16 @@ class Synchronous(Unique, Generic[A_co]):
 
 
 Via = Callable[[Synchronous[Any], Callable[[], Any]], Any]
-"""Strategy for calling a function that is not awaited."""
+"""Way of calling a function that is not a coroutine: `now` or `measured`."""
 
 
 def now(self: Synchronous[Any], ask: Callable[[], T]) -> T:
-    """Call a function immediately, in the event loop while connected."""
+    """Call a function immediately: in the event loop if connected, else in this thread."""
     return self._session.call(ask)
 
 
 def measured(self: Synchronous[Any], ask: Callable[[], T]) -> T:
-    """Call a function in the event loop once all pending messages have been read."""
+    """Call a function in the event loop after all received messages have been processed."""
     result: T = self._session.run(partial(self._awaited.measured, ask))
     return result
 
@@ -55,7 +55,7 @@ def measured(self: Synchronous[Any], ask: Callable[[], T]) -> T:
 def waits(
     method: Callable[Concatenate[A_co, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
-    """Derive a method that waits for a coroutine."""
+    """Derive a method from a coroutine method. It waits for the result."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         return self._session.run(partial(method, self._awaited, *args, **kwargs))
@@ -66,7 +66,7 @@ def waits(
 def moves(
     method: Callable[Concatenate[A_co, P], Coroutine[Any, Any, AwaitedMotion]],
 ) -> Callable[Concatenate[Synchronous[A_co], P], 'Motion']:
-    """Derive a method that starts a motion."""
+    """Derive a method from a coroutine method that returns a motion."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> Motion:
         start = partial(method, self._awaited, *args, **kwargs)
@@ -78,7 +78,7 @@ def moves(
 def calls(
     method: Callable[Concatenate[A_co, P], T], via: Via = now
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
-    """Derive a method from a method that is not awaited."""
+    """Derive a method from a method that is not a coroutine."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         result: T = via(self, partial(method, self._awaited, *args, **kwargs))
@@ -90,7 +90,7 @@ def calls(
 def hears(
     method: Callable[Concatenate[A_co, P], T],
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
-    """Derive a method whose arguments are callbacks. They run in a separate thread."""
+    """Derive a method that registers a callback, which then runs in a separate thread."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         add: Callable[..., T] = method
@@ -105,7 +105,7 @@ def hears(
 
 
 class Reading(property, Generic[T]):
-    """A property of a synchronous class."""
+    """A property with a declared type, for type checkers."""
 
     @overload
     def __get__(self, instance: None, owner: type | None = None) -> Self: ...
@@ -117,7 +117,7 @@ class Reading(property, Generic[T]):
 
 
 def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Reading[T]:
-    """Derive a property from a property of an asynchronous class, selected by a lambda."""
+    """Derive a property from a property of an asynchronous class, which `read` returns."""
     (name,) = read.__code__.co_names
 
     def get(self: Synchronous[A_co]) -> T:
@@ -130,7 +130,10 @@ def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Readin
 def makes(
     make: Callable[P, A_co],
 ) -> Callable[[Callable[[S, A_co], T]], Callable[Concatenate[S, P], T]]:
-    """Decorate a function of an asynchronous object to take the object's own arguments."""
+    """Decorate a method that takes an asynchronous object, so that it takes `make`'s arguments.
+
+    `make` creates the asynchronous object from them.
+    """
 
     def decorate(function: Callable[[S, A_co], T]) -> Callable[Concatenate[S, P], T]:
         def run(first: S, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -158,7 +161,7 @@ def _described(
 
 
 class Motion(Synchronous[AwaitedMotion]):
-    """A motion of the arm. It ends once: it succeeded, was canceled, or was aborted."""
+    """A motion of the arm. It ends exactly once: succeeded, canceled or aborted."""
 
     done = reads(AwaitedMotion, lambda motion: motion.done)
     text = reads(AwaitedMotion, lambda motion: motion.text)
@@ -168,8 +171,8 @@ class Motion(Synchronous[AwaitedMotion]):
     def wait(self, timeout: float | None = None) -> str:
         """Wait until the motion ends and return its text. Raises MotionError unless it succeeded.
 
-        Ctrl-C during the wait stops the arm. Raises TimeoutError after `timeout` s. The motion
-        then continues until `cancel`.
+        Ctrl-C during the wait stops the arm. Raises TimeoutError after `timeout` s, but the motion
+        continues.
         """
         return self._session.run(partial(self._awaited.finish, timeout))
 
@@ -177,7 +180,10 @@ class Motion(Synchronous[AwaitedMotion]):
 
 
 class Io(Synchronous[AwaitedIo]):
-    """Reads and writes single I/O points. Raises RobotError if the controller has no I/O."""
+    """Reads and writes single I/O points.
+
+    The methods raise RobotError if the controller has no I/O, or refuses a request.
+    """
 
     read = waits(AwaitedIo.read)
     write = waits(AwaitedIo.write)
@@ -196,7 +202,10 @@ class Gripper(Synchronous[AwaitedGripper]):
 
 
 class Simulation(Synchronous[AwaitedSimulation]):
-    """Operator actions on a simulated controller. Raises RobotError for any other controller."""
+    """Operator actions on a simulated controller.
+
+    The methods raise RobotError if the controller is not simulated.
+    """
 
     estop = waits(AwaitedSimulation.estop)
     door = waits(AwaitedSimulation.door)
@@ -208,7 +217,7 @@ class Simulation(Synchronous[AwaitedSimulation]):
 class Points(Synchronous[AwaitedPoints]):
     """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
 
-    The arm moves to a point in the configuration nearest to the current one, not in the file's.
+    Motions to a point use the configuration nearest to the current one, not the file's posture.
     """
 
     __getitem__ = calls(AwaitedPoints.__getitem__)

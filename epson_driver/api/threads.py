@@ -27,7 +27,7 @@ T = TypeVar('T')
 class LoopThread:
     """An event loop in a separate thread, for callers in other threads.
 
-    It is a daemon thread, so that a program without `close` can still end.
+    The thread is a daemon, so that a program can end without calling `close`.
     """
 
     def __init__(self, name: str) -> None:
@@ -116,7 +116,7 @@ class LoopThread:
 
 
 class CallbackThread:
-    """Calls the user's callbacks one after the other. They may block, and may use the robot.
+    """A thread that calls the user's callbacks, which may block and may use the robot.
 
     `failed` is called in this thread with the exception of a callback. The thread starts with the
     first callback.
@@ -126,7 +126,10 @@ class CallbackThread:
         self._name = name
         self._failed = failed
         self._waiting: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
-        """Its `put` is reentrant and never blocks, so a finalizer may call it in any thread."""
+        """Queued callbacks, or None to end the thread.
+
+        `put` of SimpleQueue is reentrant and never blocks, so a finalizer may call it anywhere.
+        """
         self._thread: threading.Thread | None = None
 
     def wrap(self, callback: Callable[..., object]) -> Callable[..., None]:
@@ -154,7 +157,7 @@ class CallbackThread:
                 self._failed(error)
 
     def close(self) -> None:
-        """Run the queued callbacks and end the thread. Does not wait if called from a callback."""
+        """Run the queued callbacks and end the thread. Wait for it, except in a callback."""
         self.leave()
         thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():
@@ -169,13 +172,13 @@ class CallbackThread:
 class Session:
     """The event loop of a connected Robot, and its callback thread.
 
-    awaited: the asynchronous robot, with its connection. These threads have no reference to the
-    session. Once the Robot and its objects are garbage collected, the arm is stopped and the
-    threads end.
+    awaited: the asynchronous Robot of the connection. The threads have no reference to the
+    session, so the arm is stopped and the threads end once the Robot and its objects are
+    garbage-collected.
     """
 
     def __init__(self, awaited: object, connection: 'Connection') -> None:
-        self._awaited = awaited  # it is lost together with the session
+        self._awaited = awaited  # garbage-collected together with the session
         self._connection = connection
         self._closing = threading.Lock()
         self._thread: LoopThread | None = None
@@ -199,7 +202,7 @@ class Session:
             raise
 
     def close(self) -> None:
-        """Close the robot and end the threads. Does nothing when not connected."""
+        """Close the robot and end the threads. Do nothing if not connected."""
         if self._thread is None or self._thread.process.forked:
             return
         with self._closing:
@@ -226,7 +229,7 @@ class Session:
         return thread.run(work)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the event loop, or here when not connected, and return its result."""
+        """Return a function's result. It runs in the event loop, or here if not connected."""
         thread = self._thread
         return function() if thread is None else thread.call(function)
 
