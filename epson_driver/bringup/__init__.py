@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of launch arguments to node parameters. It imports no ROS: the launch files do."""
+"""Conversion of launch arguments to node parameters, without importing ROS."""
 
 from epson_driver.bringup.arguments import (
     end_launch,

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The launch files' arguments as one table: name, default, description, choices."""
+"""Table of all launch arguments: name, default, description, choices."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ SWITCH = ('true', 'false')
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of launch files. With an empty default, the default of the node applies."""
+    """An argument of this package's launch files."""
 
     name: str
     default: str
@@ -164,18 +164,18 @@ _ROWS = {row.name: row for row in TABLE}
 
 
 def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
-    """Return the keywords of DeclareLaunchArgument, one mapping per name, in this order.
+    """Return the keyword arguments of DeclareLaunchArgument for each name, in this order.
 
-    `defaults` holds the defaults of one launch file, by the name of the argument.
+    `defaults`: values that replace the table's defaults, by argument name.
     """
     return [_keywords(_ROWS[name], defaults.get(name)) for name in names]
 
 
 def misspelled_arguments(given: Iterable[str]) -> list[str]:
-    """Return a sentence for each name that is nearly an argument of this package's launch files.
+    """Return a warning for each name that resembles an argument of this package's launch files.
 
-    `given`: the names of all launch configurations. Others may belong to a launch file that
-    includes one of ours.
+    `given`: the names of all launch configurations. Other unknown names are not reported, because
+    they may belong to a launch file that includes one of this package.
     """
     result = ((name, near_name(name, _ROWS)) for name in given if name not in _ROWS)
     return [

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From launch arguments to the client's parameters and the simulated controller's command line."""
+"""Conversion of launch arguments to parameters of the client and of the simulated controller."""
 
 import re
 from collections.abc import Mapping
@@ -28,13 +28,13 @@ INTERFACE = (
     'ros2_control',
     'respawn',
 )
-"""The arguments of every launch file that starts a client."""
+"""Arguments of every launch file that starts a client."""
 
 DESCRIPTION = ('parent', 'origin_xyz', 'origin_rpy')
-"""The arguments of every launch file with the robot's description."""
+"""Arguments of every launch file that publishes the robot's description."""
 
 GIVEN = ('robot_ip', 'robot_model', 'controller', 'interface')
-"""Arguments passed to the client as parameters, if they are not empty."""
+"""Arguments that are passed to the client as parameters of the same name, if not empty."""
 
 DEFAULT_MODEL = 'c3_a601s'
 
@@ -43,15 +43,15 @@ _DIGITS = re.compile(r'[0-9]{1,5}', re.ASCII)
 
 PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
 SIM_REMOTE_PORT = '5000'
-"""The simulated controller's Remote Ethernet port, even as an RC620, which has none."""
+"""Default Remote Ethernet port of the simulated controller, because a profile may have none."""
 
 
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
-    """Return the client's parameters that follow from non-empty launch arguments.
+    """Return the client's parameters that the launch arguments set.
 
-    The values of params_file apply to the others. Raises FileNotFoundError or InputError for a
-    model that cannot be read, InputError for an invalid address, prefix or port, and BringupError
-    for a missing params_file.
+    The client takes other parameters from params_file. Raises FileNotFoundError or InputError if
+    the model cannot be read, InputError if an address, prefix or port is invalid, and the
+    exceptions of `file_parameters`.
     """
     prefix = values['tf_prefix']
     resolved = effective(values)
@@ -72,10 +72,10 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
 
 
 def effective(values: Mapping[str, str]) -> dict[str, str]:
-    """Return launch arguments, with the client's own values for the empty ones.
+    """Return the launch arguments, with empty ones replaced by the values in params_file.
 
-    The client's values are read from params_file, with the model's default. Raises the exceptions
-    of `file_parameters`.
+    An empty robot_model is replaced by DEFAULT_MODEL if params_file has none. Raises the
+    exceptions of `file_parameters`.
     """
     path = values['params_file']
     message = file_parameters(path, values['namespace']) if path else {}
@@ -86,10 +86,11 @@ def effective(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
-    """Return the command line of the simulated controller for this client.
+    """Return the command-line arguments of the simulated controller for a client.
 
-    A SPEL+ program in the controller's profile determines the motion. Raises FileNotFoundError for
-    a missing profile, InputError for an invalid one.
+    They contain no `--motion` if the profile has a SPEL+ program, which determines the motion.
+    Raises FileNotFoundError if the profile does not exist, InputError if it is invalid, and the
+    exceptions of `file_parameters`.
     """
     values = effective(values)
     words = ['--robot', values['robot_model']]

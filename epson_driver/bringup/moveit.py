@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""MoveIt's configuration of a model, as parameters for launch files or as a separate package.
+"""MoveIt configuration of a robot model, as parameters for launch files or as a ROS package.
 
-Files shared by all models are in config/moveit/. The rest is derived from the model's data.
+Values shared by all models are in config/moveit/. The others are derived from the model's data.
 """
 
 from pathlib import Path
@@ -20,15 +20,15 @@ JOINTS_OF_A_FREE_TOOL = 6
 """Minimum number of joints for any tool orientation. With fewer, KDL solves for position only."""
 
 MARGIN_SHARE = 0.05
-"""Maximum margin of MoveIt Servo at each limit, as a share of the joint's range. It matters for a
-SCARA's shaft."""
+"""Maximum margin of MoveIt Servo at each joint limit, as a fraction of the joint's range. It
+reduces the margin of joints with a short range, such as a SCARA's shaft."""
 
 SCARA_CORNERS = 0.01
-"""TOTG's corner tolerance for a SCARA's plan, rad and m alike. The default, 0.1, would be 10 cm of
-a shaft's stroke."""
+"""`path_tolerance` of MoveIt's TOTG (time-optimal trajectory generation) for a SCARA, rad and m.
+MoveIt's default of 0.1 would permit the shaft to leave the path by 10 cm."""
 
 OWN_ACTION = 'epson_driver'
-"""The driver's node, whose action executes MoveIt's plans."""
+"""Name of the driver's node, whose action follow_joint_trajectory executes MoveIt's plans."""
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">
@@ -56,10 +56,10 @@ ament_package()
 def move_group_parameters(
     model: str, prefix: str = '', controller: str = OWN_ACTION, *, fix_start_state: bool = False
 ) -> dict[str, Any]:
-    """Return the parameters of move_group, without the two descriptions of the robot.
+    """Return the parameters of move_group, without the robot's URDF and SRDF.
 
-    `controller`: the node whose action follow_joint_trajectory executes. `fix_start_state`: plan
-    from the end of its range where a joint is beyond it, MoveIt's own repair.
+    `controller`: the node whose action follow_joint_trajectory executes the plans.
+    `fix_start_state`: whether MoveIt plans from the joint limit if a joint is beyond it.
     """
     joints = [prefix + joint for joint in load_robot_model(model).joint_names]
     rviz = rviz_parameters(model, prefix)
@@ -74,7 +74,7 @@ def move_group_parameters(
 
 
 def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return the parameters of MoveIt's panel in RViz: kinematics, limits, and planners."""
+    """Return the parameters of MoveIt's panel in RViz: kinematics, limits and planners."""
     robot = load_robot_model(model)
     limits = joint_limits(robot, prefix)
     pipelines = _load('planning_pipelines.yaml')
@@ -87,9 +87,9 @@ def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
 
 
 def servo_parameters(model: str) -> dict[str, Any]:
-    """Return MoveIt Servo's parameters: config/moveit/servo.yaml with the model's own values.
+    """Return the parameters of MoveIt Servo: config/moveit/servo.yaml, adapted to the model.
 
-    These are the thresholds of singularities, and the margins at the limits of short joints.
+    The singularity thresholds and the joint limit margins depend on the model.
     """
     parameters = _load('servo.yaml')
     robot = load_robot_model(model)
@@ -104,7 +104,10 @@ def servo_parameters(model: str) -> dict[str, Any]:
 
 
 def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
-    """Return joint_limits.yaml of a model, SI, without the URDF's position limits."""
+    """Return MoveIt's joint_limits.yaml for a model, in SI units, without position limits.
+
+    The URDF has the position limits.
+    """
     rows: dict[str, dict[str, Any]] = {prefix + joint: {} for joint in model.joint_names}
     for quantity in ('velocity', 'acceleration', 'jerk'):
         for row, value in zip(rows.values(), getattr(model.limits, quantity), strict=True):
@@ -114,11 +117,11 @@ def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
 
 
 def write_moveit_package(name: str, folder: Path) -> list[Path]:
-    """Write a ROS package that MoveItConfigsBuilder reads, and return its files.
+    """Write a ROS package for MoveItConfigsBuilder, and return its files.
 
-    It is named as the folder, MODEL_moveit_config for the builder to find it by the model's name.
-    Raises BringupError, FileNotFoundError or InputError as `robot_description` does, and OSError
-    for a folder that is there already or cannot be written.
+    The package has the name of the folder. The builder finds it by the model's name if that is
+    MODEL_moveit_config. Raises the exceptions of `robot_description`, and OSError if the folder
+    exists already or cannot be written.
     """
     model = load_robot_model(name)
     urdf, srdf = robot_description(name), semantic_description(name)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The client's parameters in a params_file, also for several robots."""
+"""The client's parameters in a params_file, for one or several robots."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -11,16 +11,16 @@ from epson_driver.bringup.description import BringupError
 from epson_driver.inputs import read_yaml
 
 NODE_NAME = 'epson_driver'
-"""The client's name in the launch files."""
+"""Name of the client's node in the launch files."""
 
 PARAMETERS = 'ros__parameters'
 
 
 def file_parameters(path: str, namespace: str) -> dict[str, Any]:
-    """Return the parameters in a file for the client in a namespace.
+    """Return the parameters that a file has for the client in a namespace.
 
-    Later sections take precedence. Raises BringupError if the file does not exist or has no
-    section for the client, InputError if it is not YAML.
+    A later section overrides an earlier one. Raises BringupError if the file does not exist or has
+    no section for the client, InputError if it is not YAML.
     """
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: no such file')
@@ -36,7 +36,7 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
 
 
 def node_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return a file's sections by node name, which may contain `*` and `**`.
+    """Return the parameters in a file by node name, which may contain the wildcards * and **.
 
     Raises InputError if the file is not YAML.
     """
@@ -45,7 +45,7 @@ def node_sections(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the nodes of a file, which may be nested by namespace, with their parameters."""
+    """Yield the node names and parameters in a file. Nodes may be nested by namespace."""
     for name, value in content.items():
         if not isinstance(value, Mapping):
             continue
@@ -56,7 +56,7 @@ def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str
 
 
 def _matches(pattern: str, node: str) -> bool:
-    """Return whether a pattern matches a node's name. `*`: one part of it, `**`: any number."""
+    """Return whether a pattern matches a node name. `*`: one part of it, `**`: any number."""
     expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
     return re.fullmatch(expression, node) is not None
 
@@ -74,13 +74,13 @@ EACH = (
     'origin_xyz',
     'origin_rpy',
 )
-"""Arguments that may have one value for all robots, or one for each, separated by commas."""
+"""Arguments with one value for all robots, or one for each robot, separated by commas."""
 
 
 def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return one dict per namespace: the arguments that may differ between the robots.
+    """Return the arguments of each robot: one mapping per namespace.
 
-    Raises BringupError if the lists do not match.
+    Raises BringupError if an argument has the wrong number of values.
     """
     namespaces = values['namespaces']
     names = _words(namespaces)
@@ -110,8 +110,8 @@ def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
 def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
     """Return the arguments of each robot in params_file, or only of the robots in `robots`.
 
-    A robot is a section named after its node, `/robot_1/epson_driver`. Raises BringupError if the
-    file has no robot or lacks one of `robots`, InputError if it is not YAML.
+    Each robot has a section named after its node, such as `/robot_1/epson_driver`. Raises
+    BringupError if the file has no robot or lacks one of `robots`, InputError if it is not YAML.
     """
     path = values['params_file']
     if not Path(path).is_file():

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of ros2_control in front of the driver: its hardware and its controllers."""
+"""Parameters for ros2_control: its hardware interface to the driver, and its controllers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,26 +11,25 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 CONTROLLER = 'joint_trajectory_controller'
-"""The controller to start."""
+"""Name of the ros2_control controller to start."""
 
 DEFAULT_PROFILE = 'simulated'
 
 GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
-"""The controller's goal tolerance for each joint, by its type, rad or m."""
-
+"""Goal tolerance of the controller by joint type, rad or m."""
 
 PATH_TOLERANCE_S = 0.5
-"""Path tolerance as a delay behind the setpoint, s. An arm that follows the stream lags less. A
-larger lag ends the goal, and the driver sends nothing more."""
+"""Path tolerance as a lag of the arm behind the setpoint, s. An arm that follows the setpoints
+lags less. A larger lag aborts the goal."""
 
 SERVO_SCALE = 0.25
-"""Default of the driver's `servo.scale`: the share of the joint limits for following a stream."""
+"""Default of the driver's `servo.scale`: fraction of the joint limits for following streams."""
 
 
 def ros2_control_arguments(namespace: str) -> dict[str, str]:
-    """Return the arguments of epson_robot.urdf.xacro that add ros2_control's block.
+    """Return the arguments of epson_robot.urdf.xacro that add the ros2_control block.
 
-    Topics are absolute, since the node that the plugin makes need not be in the namespace.
+    Topics are absolute, because the node of the hardware plugin may be outside the namespace.
     """
     inside = '/' + namespace.strip('/') if namespace.strip('/') else ''
     return {
@@ -48,9 +47,9 @@ def first_joint_state(namespace: str) -> list[str]:
 
 
 def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return the changes to config/ros2_control/controllers.yaml for a model and a prefix.
+    """Return the model's values for config/ros2_control/controllers.yaml.
 
-    These are the joints, and each joint's path and goal tolerance.
+    These are the joint names, with the prefix, and the path and goal tolerance of each joint.
     """
     robot = load_robot_model(model)
     joints = [prefix + name for name in robot.joint_names]
@@ -63,7 +62,7 @@ def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
 
 
 def check_streams(values: Mapping[str, str]) -> None:
-    """Raise BringupError if the driver of these launch arguments follows no streams."""
+    """Raise BringupError if a driver with these arguments cannot follow setpoint streams."""
     resolved = effective(values)
     program = load_controller_profile(resolved['controller'] or DEFAULT_PROFILE).program
     interface = resolved['interface'] or program.interface

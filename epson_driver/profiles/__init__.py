@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Types of controllers as data, from config/controllers/."""
+"""Profiles of the supported kinds of controllers, read from config/controllers/."""
 
 from epson_driver.profiles.profile import (
     ControllerProfile,

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The section `io` of a controller profile: the available points and their safe values."""
+"""The section `io` of a controller profile: the I/O points, and the safe values of outputs."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -11,23 +11,23 @@ from epson_driver.inputs import InputError, choice, count, number, printable, sh
 from epson_driver.simple_message import IoType
 
 MAX_POINTS = 4096
-"""Maximum points of one type: one message can read or publish a whole type."""
+"""Maximum number of points of one type, because one message can contain all of them."""
 
 MILLIVOLTS = 1000
-"""mV per V: analogue values are transmitted in mV."""
+"""mV per V. Messages contain analogue values in mV."""
 
-LONGEST_PERIOD = 60.0
+MAX_PERIOD_S = 60.0
 
 Point = tuple[IoType, int]
-"""Type and index of a point."""
+"""Type and index of an I/O point."""
 
 OUTPUTS = {'DO': IoType.DIGITAL_OUTPUT, 'AO': IoType.ANALOG_OUTPUT}
-"""Prefixes of outputs in a profile: `DO0`, `AO1`."""
+"""Types of outputs by the prefix of their names in a profile, such as `DO0` and `AO1`."""
 
 ALL = 'all'
 
 IoAccess = Literal['server', 'remote_ethernet', 'motoman']
-"""Access of a driver to the points, see IoProfile."""
+"""Method by which a driver accesses the I/O points, see IoProfile."""
 
 ACCESSES: tuple[IoAccess, ...] = ('server', 'remote_ethernet', 'motoman')
 
@@ -36,21 +36,21 @@ NO_POINTS: frozenset[Point] = frozenset()
 
 @dataclass(frozen=True)
 class IoProfile:
-    """The points of one controller. The defaults are the points of an RC620.
+    """Inputs and outputs of a controller. The defaults are those of an RC620.
 
-    * `access`: how a driver accesses the points. server: the messages of docs/io.md at the I/O
-      port, if a program on the controller serves it. remote_ethernet: EPSON's commands at the
-      remote port. motoman: MotoROS' messages at the I/O port.
-    * Numbers of points per type. 24 digital inputs and 16 outputs are its standard I/O. Analogue
-      I/O is an optional board. `flags` are SPEL+'s memory I/O bits.
-    * `analog_range`: the smallest and the largest value of analogue points, V.
-    * `safe`: safe values of outputs (default: 0). Analogue values are in mV, the unit of the
-      messages.
-    * `keep_on_reset`, `keep_on_link_loss`: the outputs that stay unchanged on this event. All
-      others take their safe value.
+    * `access`: how a driver accesses the points. server: with the messages of docs/io.md at the
+      I/O port, if a program on the controller serves it. remote_ethernet: with EPSON's commands at
+      the remote port. motoman: with MotoROS' messages at the I/O port.
+    * `digital_inputs` to `flags`: number of points of each type. 24 digital inputs and 16 outputs
+      are standard on an RC620, and analogue I/O is an optional board. `flags` are SPEL+'s memory
+      I/O bits.
+    * `analog_range`: smallest and largest value of analogue points, V.
+    * `safe`: safe values of outputs (default: 0). Analogue values are in mV.
+    * `keep_on_reset`, `keep_on_link_loss`: outputs that stay unchanged on a reset or a lost link.
+      All others are set to their safe values.
     * `publish_period`: period, s, at which a driver polls the values, and at which a server sends
-      them to subscribers even if unchanged. `publish_interval`: changes are sent immediately, but
-      at least this time apart, s.
+      them to subscribers even if unchanged. `publish_interval`: minimum time between two messages
+      about changes, s.
     """
 
     access: IoAccess = 'server'
@@ -74,7 +74,7 @@ class IoProfile:
 
     @property
     def outputs(self) -> frozenset[Point]:
-        """All outputs."""
+        """All digital and analogue outputs."""
         return frozenset(
             (io_type, index)
             for io_type, count in (
@@ -88,8 +88,8 @@ class IoProfile:
 def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
     """Read the section `io` of a profile, with defaults for missing keys.
 
-    Outputs have names like `DO3` or `AO0`, and `all` means every output. Safe values are 0 or 1,
-    or V. Raises InputError, with file, key and value, if the section is invalid.
+    Outputs have names like `DO3` or `AO0`, and `all` means every output. Safe values are 0 or 1
+    for digital outputs, and V for analogue outputs. Raises InputError if the section is invalid.
     """
     place = f'{file}: io.'
     known = {item.name for item in fields(IoProfile)}
@@ -111,7 +111,7 @@ def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
 
 
 _POINTS = count(0, MAX_POINTS)
-_PERIOD = number(0.001, LONGEST_PERIOD)
+_PERIOD = number(0.001, MAX_PERIOD_S)
 _RULES = {
     'access': choice(*ACCESSES),
     'digital_inputs': _POINTS,

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller profile: what one kind of controller does differently, as data.
+"""A controller profile: the properties in which kinds of controllers differ, as data.
 
-It is read from config/controllers/NAME.yaml by `load_controller_profile`. The sections and keys of
-the file have the names of the sections and fields here. profile_rules.py lists the allowed values.
+`load_controller_profile` reads it from config/controllers/NAME.yaml. The sections and keys of the
+file have the names of the fields here. profile_rules.py lists the allowed values.
 """
 
 import logging
@@ -43,7 +43,10 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class PortsProfile:
-    """TCP ports of the controller's servers. `remote`: 0 if the driver has no access to it."""
+    """TCP ports of the controller's servers.
+
+    `remote`: the port of Remote Ethernet, or 0 if a driver has no access to it.
+    """
 
     motion: int
     state: int
@@ -55,11 +58,13 @@ class PortsProfile:
 class MotionProfile:
     """Motion of the simulated arm.
 
-    `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion.
-    `power` is the motor power that the program sets at the start of a trajectory. `cp`:
-    point-to-point moves blend into the next one if it is known in time. `statement_overhead` s
-    pass before each move. Smooth motion accepts points while less than `look_ahead` s and fewer
-    than `look_ahead_points` are ahead. At most `pending_limit` points are pending.
+    * `speed`, `accel`: fractions (0, 1] of the robot's limits, for point-to-point motion.
+    * `power`: motor power that the program sets at the start of a trajectory.
+    * `cp`: whether a point-to-point move blends into the next one, if that arrives in time.
+    * `statement_overhead`: time before each point-to-point move, s.
+    * `look_ahead`, `look_ahead_points`: smooth motion accepts a point while the points ahead of
+      the arm last for less than this time, s, and are fewer than this number.
+    * `pending_limit`: maximum number of received points that wait for their acceptance.
     """
 
     speed: float
@@ -74,9 +79,9 @@ class MotionProfile:
 
 @dataclass(frozen=True, slots=True)
 class ServoProfile:
-    """Response of the real joints to commanded positions.
+    """Response of the simulated joints to commanded positions.
 
-    They follow `lag` s later (0: immediately). `encoder`: positions are reported in whole pulses.
+    `lag`: delay, s (0: none). `encoder`: whether positions are reported in whole encoder pulses.
     """
 
     lag: float
@@ -85,10 +90,10 @@ class ServoProfile:
 
 @dataclass(frozen=True, slots=True)
 class DownloadProfile:
-    """Trajectories that are downloaded whole before the arm moves.
+    """Handling of trajectories that are downloaded as a whole before the arm moves.
 
-    The buffer holds `buffer` points. `overflow` refuses a longer trajectory or drops its points
-    beyond the buffer. The program spends `dead_time` s on each point.
+    `buffer`: maximum number of points. `overflow`: whether a longer trajectory is refused, or its
+    further points are dropped. `dead_time`: time that the program needs for each point, s.
     """
 
     buffer: int
@@ -101,31 +106,32 @@ class ProgramProfile:
     """The program on the motion port: accepted messages and replies.
 
     * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
-    * `interface`: default trajectory interface of a driver. 'statements': by Remote Ethernet, for
-      a controller without a loaded program, which serves only that port.
-    * `reply`: JOINT_POSITION with the request's sequence, or only a header of the request's type.
-    * `acknowledge`: when a streamed point is answered: once the arm has accepted it ('taken'), or
-      'default': point to point once it has been reached, in smooth motion once it is accepted.
+    * `interface`: default trajectory interface of a driver. 'statements': SPEL+ statements by
+      Remote Ethernet, for a controller without a loaded program, which serves only that port.
+    * `reply`: 'sequence': a JOINT_POSITION with the request's sequence number. 'header': only a
+      header of the request's type.
+    * `acknowledge`: when a streamed point is answered. 'taken': once it is accepted. 'default':
+      once it is reached in point-to-point motion, once it is accepted in smooth motion.
     * `check_sequence`, `check_limits`: whether a point with a wrong sequence number, or outside
-      the limits, is refused. A point outside the limits that is not refused ends the motion with
-      error 4001 when its turn comes.
-    * `uses`: which of a point's velocity and duration are used.
-    * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too,
-      and the connection is closed. The arm finishes the points before it.
+      the limits, is refused. Otherwise the motion ends with error 4001 when it reaches a point
+      outside the limits.
+    * `uses`: whether a point's velocity, its duration, both or neither are used.
+    * `late_failure`: whether a point outside the limits is answered with SUCCESS, then with
+      FAILURE, and the connection is closed. The arm finishes the points before it.
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
-      also a longer one, and STOP may be sent as a topic. 'any': every message long enough for the
-      joints, whatever its type. Shorter ones are not answered.
-    * `special_sequences`: 'stop': only STOP is obeyed. Other negative sequence numbers are not
+      also a longer one, and STOP may be sent as a topic. 'any': a message of any type that is long
+      enough for the joints. Shorter messages are not answered.
+    * `special_sequences`: accepted negative sequence numbers. 'stop': only STOP, others are not
       answered.
-    * `skip_first`: a first point is skipped if each joint is within this distance, rad or m, of
-      the arm's position (0: never).
-    * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
-      if a port is configured, by Remote Ethernet with main stopped before and started after
-      ('restart'), or by Motoman's commands.
+    * `skip_first`: maximum distance of each joint from the arm's position, rad or m, at which the
+      first point is skipped (0: never).
+    * `motors`: how a driver switches the motors and resets errors. 'remote_ethernet': if the port
+      is configured. 'restart': like that, but it stops main before and starts it afterwards.
+      'motoman': with Motoman's commands.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
-      parameters of these names, which select the points of a plan to send.
-    * `setpoint_period`: time between two points that a driver makes of a stream, s. It is the
-      default of its parameter `servo.period`.
+      parameters with these names, which select the points of a trajectory to send.
+    * `setpoint_period`: default of a driver's parameter `servo.period`, the time between the
+      points that it sends while it follows a stream, s.
     """
 
     kind: Literal['points', 'motoman']
@@ -148,7 +154,7 @@ class ProgramProfile:
 
     @property
     def point_message(self) -> Literal['joint_traj_pt', 'joint_traj_pt_full']:
-        """Default message for points."""
+        """Type of message in which a driver sends points by default."""
         return 'joint_traj_pt_full' if self.kind == 'motoman' else 'joint_traj_pt'
 
 
@@ -156,10 +162,10 @@ class ProgramProfile:
 class StateProfile:
     """Messages on the state port: one per slot of `period` s.
 
-    After `joint_positions_per_status` slots with the joints, a STATUS follows in its own slot, or
-    together with the last joint message (`status_with_joints`). `feedback_time`: whether a
-    JOINT_FEEDBACK carries the controller's time. `errors`: 'alarms' reports only the errors that
-    need a reset, not rejected requests or an E-stop.
+    A STATUS follows after `joint_positions_per_status` joint messages: in the next slot, or
+    together with the last joint message (`status_with_joints`). `message`: the type of the joint
+    messages. `feedback_time`: whether a JOINT_FEEDBACK contains the controller's time. `errors`:
+    'alarms' reports only errors that need a reset, and no rejected requests or E-stop.
     """
 
     period: float
@@ -172,7 +178,7 @@ class StateProfile:
 
 @dataclass(frozen=True, slots=True)
 class ServerProfile:
-    """Client handling of the ports.
+    """Handling of clients at the controller's ports.
 
     `lost_client` is the reaction of the arm to a lost motion client. 'brake': it brakes and the
     motors are switched off. 'finish': it finishes its points, motors on. 'keep': it stops with
@@ -220,10 +226,10 @@ class SpelProfile:
 
 @dataclass(frozen=True, slots=True)
 class ControllerProfile:
-    """Data of one type of controller.
+    """Profile of one kind of controller.
 
-    `approximate` lists the known approximations as sentences. `error_texts` is the name of the
-    file in config/errors with its error numbers.
+    `approximate`: known approximations in this profile, as sentences. `error_texts`: name of the
+    file in config/errors with the controller's error numbers.
     """
 
     name: str
@@ -244,10 +250,10 @@ class ControllerProfile:
 
 
 ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
-"""Controllers with the profile of another one, as no differences are known: name → profile."""
+"""Controllers that use another one's profile because no difference is known: name → profile."""
 
 OLD_NAMES = {'rc620': 'simulated'}
-"""Former names of profiles."""
+"""Former names of profiles: old name → new name."""
 
 _log = logging.getLogger(__name__)
 
@@ -257,9 +263,9 @@ def load_controller_profile(name: str) -> ControllerProfile:
 
     EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted.
 
-    A profile with `like: OTHER` contains only its differences from OTHER: a profile name, or a
-    .yaml file in the same folder. Raises FileNotFoundError, which lists the available profiles,
-    or InputError.
+    A profile with `like: OTHER` contains only its differences from OTHER, which is a profile name
+    or a .yaml file in the same folder. Raises FileNotFoundError, which lists the available
+    profiles, if a profile does not exist, and InputError if one is invalid.
     """
     path = _path(name, Path())
     values = checked(_read(path), printable(path))
@@ -325,7 +331,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _merged(base: dict[str, Any], over: dict[str, Any], place: str = '') -> dict[str, Any]:
-    """Return `base` overridden by `over`, section by section."""
+    """Return a copy of `base` in which the values in `over` replace those of the same key."""
     merged = dict(base)
     for key, value in over.items():
         held = base.get(key)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The allowed values of each key of a controller profile, and the errors for others."""
+"""The allowed values of each key of a controller profile, and the check of a profile."""
 
 from enum import StrEnum
 from typing import Any
@@ -10,7 +10,7 @@ from epson_driver.simple_message import ByteOrder, Mode
 
 
 class FieldsUsed(StrEnum):
-    """The used fields of a JOINT_TRAJ_PT, velocity and duration: `program.uses` of a profile."""
+    """Fields of a JOINT_TRAJ_PT that a controller uses: velocity, duration, both or neither."""
 
     BOTH = 'both'
     VELOCITY = 'velocity'
@@ -29,7 +29,7 @@ class FieldsUsed(StrEnum):
 
 
 LOOK_AHEAD_S = (0.01, 60.0)
-"""Shortest and longest look-ahead of smooth motion, s."""
+"""Minimum and maximum look-ahead of smooth motion, s."""
 
 MAX_TEXT_CHARACTERS = 10_000
 
@@ -139,13 +139,13 @@ RULES: dict[str, Rule] = {
     'remote.password': _TEXT,
     'remote.clients': _CLIENTS,
 }
-"""Rule of every key, named with its sections. All keys are required."""
+"""Rule of each key, such as `motion.speed`. All keys are required."""
 
 
 def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
-    """Return the values section by section, converted by `RULES`.
+    """Return the sections with their values, converted by `RULES`.
 
-    Raises InputError, with file, key and value, if one is invalid.
+    Raises InputError if a key is unknown, missing, or has an invalid value.
     """
     left = dict(_flat(data, ''))
     values: dict[str, Any] = {}
@@ -164,7 +164,10 @@ def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
 
 
 def _flat(data: dict[Any, Any], place: str) -> list[tuple[str, Any]]:
-    """Return all keys with their sections. A value that is no section of `RULES` stays whole."""
+    """Return the values of all sections by full key, such as `motion.speed`.
+
+    A mapping that is not a section in `RULES` is one value.
+    """
     flat: list[tuple[str, Any]] = []
     for key, value in data.items():
         name = f'{place}{key}'
