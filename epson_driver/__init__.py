@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS 2 driver for EPSON and other simple-message robot controllers, with a simulated controller.
 
-`from epson_driver import Robot` imports the Python API. Other imports do not load it.
+`from epson_driver import Robot` loads the Python API. `import epson_driver` alone does not.
 """
 
 from typing import TYPE_CHECKING

@@ -1,13 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Python API for asyncio, without ROS. It uses the driver's own checks, arm gate and messages.
+"""Python API for asyncio. It needs no ROS, and contains the same driver as the ROS 2 node.
 
     async with Robot('192.168.0.1', controller='rc700a', model='c4_a601s') as robot:
         await robot.enable()
         await robot.move_joints([0.0, 0.3, -0.2, 0.0, 0.5, 0.0], speed=0.2)
 
-Everything runs in the event loop that called `connect`. Angles are in rad, lengths in m, times in
-s. docs/python.md describes the API. epson_driver.robot is the same API without asyncio.
+A Robot works only in the event loop in which `connect` was called. Angles are in rad, lengths in
+m, times in s. docs/python.md describes the API. epson_driver.robot has the same API without
+asyncio.
 """
 
 import weakref
@@ -62,11 +63,12 @@ READY_TIMEOUT_S = 10.0
 
 
 class Robot(Motions, Streams):
-    """One arm. Call `connect` first, or use it as a context manager, which stops the arm on exit.
+    """An arm and its controller. `async with Robot(…) as robot:` connects and closes it.
 
-    controller, model: names from config/controllers and config/robots, or paths to files. Ports:
-    default to the profile's. An I/O or remote port of 0 is not used. enable: `connect` also
-    enables the arm. Raises ValueError or FileNotFoundError for invalid arguments or files.
+    controller, model: names from config/controllers and config/robots, or paths to files. Ports
+    default to those of the controller's profile. An `io_port` or `remote_port` of 0 is not used.
+    enable: whether `connect` also enables the arm. Raises ValueError if an argument or a file is
+    invalid, FileNotFoundError if a file does not exist.
     """
 
     @checked_arguments
@@ -99,9 +101,9 @@ class Robot(Motions, Streams):
         self._enable = enable
         connection = self._connection  # not self: a lost robot must be collected immediately
         self.io = Io(lambda: connection.running.io)
-        """Inputs and outputs."""
+        """Inputs and outputs of the controller."""
         self.gripper = Gripper(lambda: connection.gripper)
-        """The gripper that the settings describe."""
+        """The gripper described by `Settings.gripper`."""
         taught = weakref.WeakMethod(self._taught)
         self.points = Points(lambda: _of(taught), connection.measured)
         """Taught points by name."""
@@ -122,9 +124,10 @@ class Robot(Motions, Streams):
     ) -> Self:
         """Return a robot that starts its simulated controller when it connects.
 
-        start: initial joint positions, rad (m). motion: pass through all points without a stop
-        ('smooth', the default), or stop at each ('ptp'). A SPEL+ program moves as its statements
-        specify. enable: `connect` also enables the arm.
+        start: initial joint positions, rad (m). motion: 'smooth' (default) passes through all
+        points without a stop, 'ptp' stops at each. If the controller runs a SPEL+ program, leave
+        `motion` out, because the program determines it. enable: whether `connect` also enables
+        the arm.
         """
         robot = cls(controller=controller, model=model, settings=settings, enable=enable)
         words = [f'--controller={controller}', f'--robot={model}']
@@ -147,8 +150,9 @@ class Robot(Motions, Streams):
     async def connect(self, timeout: float = READY_TIMEOUT_S) -> Self:
         """Connect, and wait until the controller has reported its state and the joint positions.
 
-        Raises RobotError with the missing parts after `timeout` s. The arm stays disabled unless
-        the Robot was created with `enable=True`: then it is enabled, or the connection is closed.
+        The arm stays disabled, unless the Robot was created with `enable=True`. Then `connect`
+        also enables it, and closes the connection if that fails. Raises RobotError, which lists
+        the missing parts, if the robot is not ready within `timeout` s.
         """
         lost = weakref.finalize(self, self._connection.lost)
         lost.atexit = False
@@ -162,7 +166,7 @@ class Robot(Motions, Streams):
         return self
 
     async def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Does nothing when not connected."""
+        """Stop the arm, disable it, and disconnect. Do nothing if not connected."""
         await self._connection.close()
 
     async def __aenter__(self) -> Self:
@@ -179,19 +183,19 @@ class Robot(Motions, Streams):
     # --- commands ---------------------------------------------------------------------------
 
     async def enable(self) -> str:
-        """Allow motions, and switch the motors on if the controller allows it."""
+        """Allow motions, and switch the motors on if the controller supports it."""
         return await self._connection.command(lambda commands: commands.enable())
 
     async def disable(self) -> str:
-        """Stop the arm, block motions, and switch the motors off if the controller allows it."""
+        """Stop the arm, block motions, and switch the motors off if the controller supports it."""
         return await self._connection.command(lambda commands: commands.disable())
 
     @checked_arguments
     async def reset(self, *, enable: bool = False) -> str:
-        """Reset the controller's error, also after an E-stop.
+        """Reset the controller after an error or a released E-stop.
 
-        enable: also enable the arm after the reset, unless it is disabled in the meantime.
-        Otherwise it stays disabled.
+        enable: whether to enable the arm after the reset. This raises RobotError if `disable` is
+        called during the reset. Otherwise the arm stays disabled.
         """
         return await self._connection.command(
             lambda commands: commands.recover() if enable else commands.reset_error()
@@ -204,9 +208,9 @@ class Robot(Motions, Streams):
     async def wait_for_input(
         self, index: int, value: int = 1, *, kind: str = 'DI', timeout: float | None = None
     ) -> None:
-        """Wait until an I/O point (by default an input, see `kind`) has a value.
+        """Wait until an input has a value. `kind` selects other types of I/O points.
 
-        Raises TimeoutError after `timeout` s; otherwise as `io.read`.
+        Raises TimeoutError after `timeout` s, and the exceptions of `io.read`.
         """
         await self.io.wait(kind, index, value, timeout)
 
@@ -216,10 +220,10 @@ class Robot(Motions, Streams):
     def on_estop(self, callback: Callable[[bool], object]) -> Callable[[], None]:
         """Register a callback for the E-stop: pressed (True) or reset (False).
 
-        The arm is already disabled when it is called. Callbacks of Robot run one after the other
-        in a separate thread and may use the robot. Callbacks of aio.Robot run in the event loop
-        and must return immediately. An exception in a callback is reported and stops the arm.
-        Returns a function that unregisters the callback.
+        When the callback runs, the arm is already disabled. Callbacks of Robot run one after the
+        other in a separate thread and may use the robot. Callbacks of aio.Robot run in the event
+        loop and must return immediately. An exception in a callback is logged, and the arm is
+        stopped and disabled. Return a function that unregisters the callback.
         """
         return self._connection.changes.estop.add(callback)
 
@@ -227,20 +231,24 @@ class Robot(Motions, Streams):
     def on_joints(self, callback: Callable[[Sample], object]) -> Callable[[], None]:
         """Register a callback for each joint sample, up to 200 per second. See `on_estop`.
 
-        A callback that is slower and falls 1000 samples behind stops the arm.
+        The arm is stopped if the callbacks of Robot are so slow that 1000 calls are waiting.
         """
         return self._connection.changes.joints.add(callback)
 
     @checked_arguments
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
-        """Register a callback for a new, or cleared (None), controller error. See `on_estop`."""
+        """Register a callback for a new controller error, or None once it is cleared.
+
+        See `on_estop`.
+        """
         return self._connection.changes.error.add(callback)
 
     @checked_arguments
     def on_link(self, callback: Callable[[str, str], object]) -> Callable[[], None]:
-        """Register a callback for changes of the link state, with the reason. See `on_estop`.
+        """Register a callback for the link state and the reason of its change. See `on_estop`.
 
         States: disconnected, connecting, connected, backing_off (waiting for the next attempt).
+        It is the state of the worse of the two links.
         """
         return self._connection.changes.link.add(callback)
 
@@ -248,7 +256,10 @@ class Robot(Motions, Streams):
 def _of(
     taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, Posture | str]]],
 ) -> tuple[EpsonPoint, Posture | str]:
-    """Call a method of a robot and return its result. Raises RobotError if the robot was lost."""
+    """Call a method of a Robot and return its result.
+
+    Raises RobotError if the Robot no longer exists.
+    """
     method = taught()
     if method is None:
         raise RobotError('the robot of these points no longer exists')

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Meanings of a controller's error numbers, from config/errors/NAME.yaml, for both ends.
+"""Meanings and remedies of controller error numbers, read from config/errors/NAME.yaml.
 
-The simulated controller reports these numbers. The client adds their meanings and remedies.
+The simulated controller reports these numbers. The driver adds the meanings and remedies.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,10 +19,10 @@ NO_TEXTS = 'none'
 
 
 class ErrorText(NamedTuple):
-    """Meaning and remedy of an error number, and whether both are certain.
+    """Meaning and remedy of an error number, and their source.
 
-    `confirmed` False: from memory, not confirmed by an available document. `source`: a keyword
-    explained at the top of the file.
+    `confirmed`: whether a document confirms both. `source`: a keyword that the comment at the top
+    of the file explains.
     """
 
     meaning: str
@@ -32,7 +32,7 @@ class ErrorText(NamedTuple):
 
 
 class ErrorTexts(Mapping[int, ErrorText]):
-    """The texts for one kind of controller, by number."""
+    """Error texts of one kind of controller: a mapping from error numbers."""
 
     def __init__(self, texts: Mapping[int, ErrorText]) -> None:
         self._texts = dict(texts)
@@ -49,7 +49,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
     def phrase(self, number: int) -> str:
         """Return the number with its meaning, for use in a sentence: `4031 (motion attempted …)`.
 
-        A number without a text is returned alone. An unconfirmed text is marked.
+        An unconfirmed meaning is marked. A number without a text is returned alone.
         """
         text = self._texts.get(number)
         if text is None or number == NO_ERROR:
@@ -58,7 +58,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
         return f'{number} ({text.meaning}{doubt})'
 
     def advice(self, number: int, otherwise: str) -> str:
-        """Return the remedy for an error, or `otherwise` if it is unknown."""
+        """Return the remedy for an error number, or `otherwise` if none is known."""
         text = self._texts.get(number)
         return text.remedy if text is not None and text.remedy else otherwise
 
@@ -67,7 +67,8 @@ class ErrorTexts(Mapping[int, ErrorText]):
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
     """Load config/errors/NAME.yaml, or an empty table for 'none'.
 
-    Raises FileNotFoundError with the available files, InputError for an invalid file.
+    Raises FileNotFoundError, which lists the available files, if there is no such file, and
+    InputError if the file is invalid.
     """
     if name == NO_TEXTS:
         return ErrorTexts({})
@@ -77,7 +78,7 @@ def load_error_texts(name: str = 'epson') -> ErrorTexts:
 
 
 def read_error_texts(path: Path) -> ErrorTexts:
-    """Read a file of error texts. Raises InputError with the file and the error in it."""
+    """Read a file of error texts. Raises InputError if it is invalid."""
     data = read_yaml(path)
     file = printable(path)
     rows = data.get('errors') if isinstance(data, dict) else None

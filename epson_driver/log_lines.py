@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log lines whose rate and text a peer can control.
+"""Logging that is safe even if a network peer controls the rate and text of log lines.
 
-`LogThrottle` limits their rate. `PrintableFormatter` escapes characters that would affect the
+`LogThrottle` limits the rate. `PrintableFormatter` escapes characters that would affect the
 reader's terminal. `StderrLog` writes to stderr without blocking.
 """
 
@@ -17,13 +17,13 @@ from contextlib import suppress
 from epson_driver.inputs import printable
 
 PERIOD_S = 1.0
-"""Minimum time between two lines of a kind, after the burst, s."""
+"""Minimum time between two lines of a throttle whose burst is used up, s."""
 
 
 class LogThrottle:
-    """Passes `burst` lines, then one per period, with the number of suppressed lines before it.
+    """Token bucket for log lines: passes `burst` lines, then one per PERIOD_S.
 
-    Unused periods are saved for the next burst.
+    The bucket refills by one line per PERIOD_S, up to `burst` lines.
     """
 
     def __init__(self, burst: int = 1) -> None:
@@ -32,7 +32,7 @@ class LogThrottle:
         self._held = 0
 
     def passes(self, now: float) -> int | None:
-        """Return the number of lines suppressed before this one, or None to suppress it, too.
+        """Return the number of lines suppressed since the last one, or None to suppress this one.
 
         `now`: the time on any monotonic clock, s.
         """
@@ -51,7 +51,7 @@ class LogThrottle:
 
 
 def counted(text: str, held: int) -> str:
-    """Return the line with the number of suppressed lines before it."""
+    """Return the line, followed by the number of lines suppressed before it, if any."""
     return f'{text} (and {held} like it before)' if held else text
 
 
@@ -59,11 +59,11 @@ class PrintableFormatter(logging.Formatter):
     """Formats each record as one line of printable text, except tracebacks and stacks."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
-        """Return the line of the message."""
+        """Return the record's message as one line."""
         return printable(super().formatMessage(record))
 
     def formatException(self, ei: object) -> str:  # noqa: N802 - logging's name
-        """Return the lines of a traceback."""
+        """Return the traceback as printable lines."""
         return _printable_lines(super().formatException(ei))  # type: ignore[arg-type]
 
 
@@ -72,7 +72,7 @@ def _printable_lines(text: str) -> str:
 
 
 BURST_LINES = 20
-"""Burst of lines per line of code. Its rate is then limited to one line per second."""
+"""Burst of each logging statement, in lines. Afterwards it may write one line per second."""
 
 _STDERR_DESCRIPTOR = 2  # the file descriptor
 _MAX_WAITING_LINES = 1000
@@ -80,10 +80,10 @@ _FLUSH_TIMEOUT_S = 0.5  # s
 
 
 class StderrLog(logging.Handler):
-    """Writes records from a separate thread, and drops them while 1000 wait.
+    """Writes log records to stderr from a separate thread, and drops them while 1000 are waiting.
 
-    Otherwise a pipe that is not read would stop the whole process after 64 KiB. Each logging
-    statement has a separate rate limit, on the monotonic `clock`, s.
+    Without the thread, a full pipe would block the process. Each logging statement has a separate
+    rate limit, measured with the monotonic `clock`, s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -96,7 +96,7 @@ class StderrLog(logging.Handler):
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Queue the line for the thread, delay it, or drop it."""
+        """Queue the line for the thread, or drop it if the rate limit or the queue is exceeded."""
         where = (record.pathname, record.lineno)
         if where not in self._paces:
             self._paces[where] = LogThrottle(BURST_LINES)
@@ -108,7 +108,7 @@ class StderrLog(logging.Handler):
             self._lines.put_nowait(line.encode(errors='replace') + b'\n')
 
     def finish(self) -> None:
-        """Write the waiting lines, within half a second."""
+        """Write the waiting lines and end the thread. Wait for this at most half a second."""
         with suppress(queue.Full):
             self._lines.put_nowait(None)
             self._thread.join(_FLUSH_TIMEOUT_S)

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Python API without asyncio and without ROS. It uses the driver's checks, arm gate and messages.
+"""Python API. It needs no ROS, and contains the same driver as the ROS 2 node.
 
     with Robot('192.168.0.1', controller='rc700a', model='c4_a601s') as robot:
         robot.enable()
         robot.move_joints([0.0, 0.3, -0.2, 0.0, 0.5, 0.0], speed=0.2)
 
-Angles are in rad, lengths in m, times in s. docs/python.md describes the API. It is derived from
-epson_driver.aio, the same API for asyncio. A Robot may be used from several threads.
+Several threads may use a Robot. Angles are in rad, lengths in m, times in s. docs/python.md
+describes the API. The classes are derived from epson_driver.aio, the same API for asyncio.
 """
 
 from functools import partial
@@ -62,20 +62,21 @@ __all__ = [
 
 
 class Robot(Synchronous[aio.Robot]):
-    """One arm. Call `connect` first, or use it in a `with` block, which stops the arm on exit.
+    """An arm and its controller. `with Robot(…) as robot:` connects and closes it.
 
-    controller, model: names from config/controllers and config/robots, or paths to files. Ports:
-    default to the profile's. An I/O or remote port of 0 is not used. enable: `connect` also
-    enables the arm. Raises ValueError or FileNotFoundError for invalid arguments or files.
+    controller, model: names from config/controllers and config/robots, or paths to files. Ports
+    default to those of the controller's profile. An `io_port` or `remote_port` of 0 is not used.
+    enable: whether `connect` also enables the arm. Raises ValueError if an argument or a file is
+    invalid, FileNotFoundError if a file does not exist.
     """
 
     @makes(aio.Robot)
     def __init__(self, robot: aio.Robot) -> None:
         super().__init__(robot, Session(robot, robot._connection))
         self.io = Io(robot.io, self._session)
-        """Inputs and outputs."""
+        """Inputs and outputs of the controller."""
         self.gripper = Gripper(robot.gripper, self._session)
-        """The gripper that the settings describe."""
+        """The gripper described by `Settings.gripper`."""
         self.points = Points(robot.points, self._session)
         """Taught points by name."""
         self.simulation = Simulation(robot.simulation, self._session)
@@ -86,9 +87,10 @@ class Robot(Synchronous[aio.Robot]):
     def simulated(cls, robot: aio.Robot) -> Self:
         """Return a robot that starts its simulated controller when it connects.
 
-        start: initial joint positions, rad (m). motion: pass through all points without a stop
-        ('smooth', the default), or stop at each ('ptp'). A SPEL+ program moves as its statements
-        specify. enable: `connect` also enables the arm.
+        start: initial joint positions, rad (m). motion: 'smooth' (default) passes through all
+        points without a stop, 'ptp' stops at each. If the controller runs a SPEL+ program, leave
+        `motion` out, because the program determines it. enable: whether `connect` also enables
+        the arm.
         """
         made = cls.__new__(cls)
         Robot.__init__.__wrapped__(made, robot)  # type: ignore[attr-defined]
@@ -97,14 +99,15 @@ class Robot(Synchronous[aio.Robot]):
     def connect(self, timeout: float = aio.READY_TIMEOUT_S) -> Self:
         """Connect, and wait until the controller has reported its state and the joint positions.
 
-        Raises RobotError with the missing parts after `timeout` s. The arm stays disabled unless
-        the Robot was created with `enable=True`: then it is enabled, or the connection is closed.
+        The arm stays disabled, unless the Robot was created with `enable=True`. Then `connect`
+        also enables it, and closes the connection if that fails. Raises RobotError, which lists
+        the missing parts, if the robot is not ready within `timeout` s.
         """
         self._session.open(partial(self._awaited.connect, timeout))
         return self
 
     def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Does nothing when not connected."""
+        """Stop the arm, disable it, and disconnect. Do nothing if not connected."""
         self._session.close()
 
     def __enter__(self) -> Self:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Location of this package's data files: in the source tree, or installed next to the code."""
+"""Paths of this package's data files, in the source tree or in the installed share folder."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def share_folder(*parts: str) -> Path:
 def share_file(*parts: str) -> Path:
     """Return the path of a data file, such as `share_file('config', 'robots', 'c3.yaml')`.
 
-    Raises FileNotFoundError with the folder and the available files.
+    Raises FileNotFoundError, which lists the available files, if there is no such file.
     """
     folder, name = share_folder(*parts[:-1]), parts[-1]
     suffix = Path(name).suffix

@@ -1,20 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reason for a failed connection or port, as a system message."""
+"""The operating system's text for a network error."""
 
 import os
 import socket
 
 
 def reason(error: Exception) -> str:
-    """Return the system's reason without the address, which the caller adds.
+    """Return the system's text for an error, such as "Connection refused".
 
-    asyncio and `socket.create_server` repeat the address in their texts. Name resolution has
-    separate error numbers, so its text is used. Empty if the error has no text, for example for a
-    timeout.
+    The texts of asyncio and `socket.create_server` also contain the address, which callers of this
+    function add themselves. The result is '' for an error without a text, such as a timeout.
     """
     if not isinstance(error, OSError) or error.errno is None:
         return str(error)
-    if isinstance(error, socket.gaierror):
+    if isinstance(error, socket.gaierror):  # name resolution has separate error numbers
         return error.strerror or str(error)
     return os.strerror(error.errno)

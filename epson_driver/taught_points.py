@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points in the pendant's form, and by name in files: RC+ (.pts) or this package's (.yaml).
+"""Taught points in mm and degrees, by name, in files of RC+ (.pts) or of this package (.yaml).
 
-Unknown content of a .pts file is preserved, and every byte of an unchanged file. The .yaml file
-has X Y Z U V W, mm and degrees, by name:
+Saving to a .pts file preserves content that this module does not know. If no point has changed,
+it preserves every byte. A .yaml file has X Y Z U V W, mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 """
@@ -45,8 +45,8 @@ _ANGLE = number(-36000.0, 36000.0, 'degrees')
 class EpsonPoint:
     """A point as shown on a teach pendant: X, Y, Z in mm, and U, V, W in degrees.
 
-    Its frame is EPSON's world, unless the user of the point specifies another. V and W are 0 on a
-    SCARA.
+    It is in EPSON's world coordinate system, unless the call that takes the point names another
+    frame. V and W are 0 on a SCARA.
     """
 
     x: float
@@ -71,21 +71,24 @@ class EpsonPoint:
     def moved(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
     ) -> 'EpsonPoint':
-        """Return the point moved by mm and degrees, like SPEL+'s `P1 +Z(50)`."""
+        """Return the point shifted by x, y, z (mm) and u (degrees), like SPEL+'s `P1 +Z(50)`."""
         for name, value in (('x', x), ('y', y), ('z', z)):
             _LENGTH.checked(plain(value), name)
         _ANGLE.checked(plain(u), 'u')
         return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
 
     def before(self, distance: float) -> 'EpsonPoint':
-        """Return the approach point, `distance` mm back along the point's Z axis."""
+        """Return an approach point: this point, shifted back along its Z axis by `distance` mm."""
         pose = self.pose
         pose[:3, 3] -= pose[:3, 2] * (_LENGTH.checked(plain(distance), 'distance') / 1e3)
         return EpsonPoint.of(pose)
 
     @classmethod
     def of(cls, pose: npt.ArrayLike) -> 'EpsonPoint':
-        """Return the point of a homogeneous matrix, shape (4, 4), m. Raises ValueError."""
+        """Return the point for a homogeneous matrix, shape (4, 4), m.
+
+        Raises ValueError if the shape is different or a number is not finite.
+        """
         pose = finite_numbers('pose', pose)
         if pose.shape != (4, 4):
             raise ValueError(f'pose has shape {pose.shape}: must be (4, 4), m')
@@ -98,15 +101,16 @@ def plain(value: object) -> object:
 
 
 Posture = dict[str, int]
-"""Flags of a point by their keys in a .pts file. Missing flags are 0."""
+"""Flags of the arm's posture (hand, elbow, wrist) by their keys in a .pts file. Missing: 0."""
 
 
 def posture(model: RobotModel, joints: Array) -> Posture:
-    """Return the flags of an arm at joints, shape (n,). Raises ValueError if they are unknown.
+    """Return the posture flags for joint positions, shape (n,), rad (m).
 
-    Values in .pts files of RC+: hand 1 is right, 2 left; elbow 1 above, 2 below; wrist 1 like
-    the home pose with the tool down, 2 flipped. Derived from public files and the programs that
-    write them, not from a controller. Where these disagree or lack data, the flags are unknown.
+    In .pts files, hand 1 is right and 2 left, elbow 1 is above and 2 below. Wrist 1 is the home
+    pose with the tool down, 2 is flipped. These values come from public .pts files and from
+    programs that write such files. They were not checked on a controller. Raises ValueError if
+    these sources disagree, or contain no such arm.
     """
     low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
     if not low <= joints[0] <= high:
@@ -142,7 +146,10 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 
 
 def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
-    """Return the tool's point, and the arm's posture or why it is unknown."""
+    """Return the tool's point and the arm's posture for joint positions, shape (n,).
+
+    If the posture is unknown, the reason is returned instead, as a text.
+    """
     point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
     try:
         return point, posture(arm.model, joints)
@@ -151,31 +158,31 @@ def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
 
 
 def _half_turns(angle: float) -> int:
-    """Return the number of half turns of an angle, rad, beyond the first, in either direction."""
+    """Return the number of complete half turns in an angle, rad: 0 up to ±π, 1 up to ±2π."""
     return max(ceil(abs(angle) / pi) - 1, 0)
 
 
 LAST_NUMBER = 999
 MAX_LABEL_CHARACTERS = 16
 MAX_BYTES = 4_000_000
-"""Maximum file size, bytes: about ten times the size of a file with 1000 points."""
+"""Maximum size of a .pts file, bytes: about ten times the size of a file with 1000 points."""
 
 _NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
 _AXES = 'XYZUVW'
 _FLAGS = ('nHand', 'nElbow', 'nWrist', 'nJ1Flag', 'nJ2Flag', 'nJ4Flag', 'nJ6Flag')
 _NO_PLACE = 0xF
-"""Bits of nUndefined: X, Y, Z or U has no value."""
+"""Bits of nUndefined that mark X, Y, Z or U as undefined."""
 
 _ONLY_PLACE = '448'
-"""nUndefined of a point with X to W: R, S and T have no value."""
+"""nUndefined of a point that has X to W: only R, S and T are undefined."""
 
 
 @dataclass(frozen=True)
 class _Held:
-    """A point: its position, or None for a label without one, and its block of a .pts file.
+    """A named point. point: None if only the label exists. number, block: from a .pts file.
 
-    posture: of the arm that taught it, or why it is unknown. None: the block's. why: the reason
-    that it cannot be used.
+    posture: of the arm when the point was taught, or why it is unknown. None: as in the block.
+    why: why the point cannot be used, or ''.
     """
 
     name: str
@@ -187,7 +194,7 @@ class _Held:
 
 
 class TaughtPoints:
-    """Points by name, or P and a number, ignoring case."""
+    """Taught points. Names are case-insensitive. P and a number also identify a point: `P3`."""
 
     def __init__(self) -> None:
         self._points: dict[str, _Held] = {}
@@ -195,7 +202,10 @@ class TaughtPoints:
         self._changed = False
 
     def get(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError, and InputError for a label without a position."""
+        """Return a point.
+
+        Raises KeyError if it does not exist, InputError if it has no position or is unusable.
+        """
         held = self._find(name)
         if held is None:
             raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
@@ -206,7 +216,7 @@ class TaughtPoints:
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
         """Set or add a point. taught: the arm's posture at the point, or why it is unknown.
 
-        Raises InputError.
+        Raises InputError if the name or the point is invalid, or the existing point is unusable.
         """
         if not isinstance(point, EpsonPoint):
             raise InputError(f'point {name} = {shown(point)}: must be an EpsonPoint')
@@ -226,7 +236,7 @@ class TaughtPoints:
         self._changed = True
 
     def remove(self, name: str) -> None:
-        """Delete a point. Raises KeyError."""
+        """Delete a point. Raises KeyError if it does not exist."""
         held = self._find(name)
         if held is None:
             raise KeyError(name)
@@ -247,14 +257,14 @@ class TaughtPoints:
 
     @property
     def places(self) -> dict[str, EpsonPoint]:
-        """The points that the arm can move to."""
+        """The points that have a usable position, by name."""
         held = self._points.values()
         return {item.name: item.point for item in held if item.point and not item.why}
 
     def load(self, path: str | PathLike[str]) -> int:
         """Replace all points by those in a .pts or .yaml file, and return their number.
 
-        Raises OSError, and ValueError with the file and the error in it.
+        Raises OSError if the file cannot be read, ValueError if it is invalid.
         """
         file = Path(path)
         read = _READERS.get(file.suffix.lower())
@@ -267,8 +277,8 @@ class TaughtPoints:
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        Unchanged content of a .pts file is preserved. Raises OSError, and InputError for a point
-        that the file format does not support.
+        Unchanged content of a .pts file is preserved. Raises OSError if the file cannot be
+        written, InputError if its format does not support a point.
         """
         file = Path(path)
         if file.suffix.lower() == '.pts':
@@ -328,7 +338,10 @@ def _is_count(item: Any) -> bool:
 
 
 def _block(number: int, held: _Held) -> Block:
-    """Return a point as a block of a .pts file. Raises InputError."""
+    """Return a point as a block of a .pts file.
+
+    Raises InputError if its posture is unknown or its name is too long.
+    """
     old, known = held.block, held.posture
     if old is not None and known is None and held.point in (None, _place(old)):
         return old
@@ -370,7 +383,7 @@ _Read = tuple[dict[str, _Held], tuple[bytes, Block] | None]
 
 
 def _from_pts(file: Path) -> _Read:
-    """Read a .pts file. Raises ValueError, OSError."""
+    """Read a .pts file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     content = read_file(file, MAX_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
     points: dict[str, _Held] = {}
@@ -392,7 +405,7 @@ def _from_pts(file: Path) -> _Read:
 
 
 def _from_yaml(file: Path) -> _Read:
-    """Read a .yaml file. Raises ValueError, OSError."""
+    """Read a .yaml file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     data = read_yaml(file)
     if not isinstance(data, dict):
         raise InputError(f'{printable(file)}: must be a mapping of names to points')
@@ -417,7 +430,7 @@ _READERS: dict[str, Callable[[Path], _Read]] = {
 
 
 def _yaml_line(held: _Held) -> str:
-    """Return a line for a point. Raises InputError for a point without a name or position."""
+    """Return a point as a line of YAML. Raises InputError if it has no name or position."""
     if held.point is None or held.why or not _NAME.fullmatch(held.name):
         why = held.why or ('has no label' if held.point else 'is not taught yet')
         raise InputError(f'point {held.name} {why}: it cannot be saved as .yaml')

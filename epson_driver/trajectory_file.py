@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectory files: trajectory_msgs/JointTrajectory as YAML (`ros2 topic echo`)."""
+"""Trajectory files: trajectory_msgs/JointTrajectory as YAML, as printed by `ros2 topic echo`."""
 
 from pathlib import Path
 from typing import Any
@@ -20,19 +20,19 @@ from epson_driver.inputs import (
 from epson_driver.motion import Array, Trajectory
 
 MAX_FILE_BYTES = 64_000_000
-"""180,000 points of six joints with velocities and accelerations."""
+"""Maximum file size, bytes: 180,000 points of six joints with velocities and accelerations."""
 
 MAX_DURATION_S = 1_000_000
-"""Latest time of a point, s (11 days). Above it, a float does not resolve nanoseconds."""
+"""Maximum time of a point, s (11 days). A float does not resolve nanoseconds above it."""
 
 MAX_VALUE = 1e6
-"""Limit for positions, velocities and accelerations (rad or m). Robot limits are checked later."""
+"""Maximum absolute value of a number in a point (rad or m). Robot limits are checked later."""
 
 FORM = (
     'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
     'nanosec: 0}}, …]'
 )
-"""Required content, for the error about an empty file."""
+"""Required content of a file, for the error text about an empty one."""
 
 _SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
@@ -43,10 +43,9 @@ _VALUE = number(-MAX_VALUE, MAX_VALUE)
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     """Return the trajectory in a file. Only the first of several YAML documents is read.
 
-    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds.
-
-    `timed`: whether every point must have a time. Otherwise a missing time is 0 s. Raises
-    InputError with the file, the point and the key.
+    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds. timed: whether
+    every point must have a time. If False, a missing time is 0 s. Raises InputError if the content
+    is invalid.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
