@@ -6,8 +6,8 @@ Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags); EPSON's node for Nod
 flags of the RC700 generation, GetContDev).
 
 The simulated controller reports its identity (`$Sim,identity`). A real one is queried for its type
-and robot (`$GetContType`, `$GetRobotInfo`). A controller accepts the statement that prints joints
-only in AUTO, while it executes nothing, without E-stop, error or open door.
+and robot (`$GetContType`, `$GetRobotInfo`). A SPEL+ statement prints the joint positions. The
+controller accepts it only in AUTO, if it is idle and has no E-stop, error or open door.
 """
 
 import re
@@ -31,7 +31,7 @@ FLAGS = (
     'Running',
     'Ready',
 )
-"""The flags of GetStatus, from left to right."""
+"""Names of the flags in a GetStatus reply, from left to right."""
 
 REMOTE_ETHERNET = 26
 """Number of Remote Ethernet as a control device, as returned by SPEL+'s CtrlInfo(5)."""
@@ -48,8 +48,8 @@ CONTROL_DEVICES = {
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """Request the status. Return the names of the flags that are set, and the error number.
 
-    RC+ 5 sends ten flags, without Test. The flags are therefore matched to the last names of
-    FLAGS. Raises ConnectionError if the reply is not a status.
+    A reply with fewer flags than FLAGS lacks the first ones. RC+ 5 sends ten, without Test.
+    Raises ConnectionError if the reply is not a status.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
@@ -61,9 +61,10 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
 
 
 async def ask_control_device(ask: Ask) -> int | None:
-    """Return the number of the device that has control, or None if it is unknown.
+    """Return the number of the device in control, a key of CONTROL_DEVICES.
 
-    It is unconfirmed that GetContDev uses the numbers of CtrlInfo(5). Other numbers become None.
+    Return None if the controller refuses the command or replies another number, because it is
+    unconfirmed that GetContDev uses the numbers of CtrlInfo(5).
     """
     try:
         value = (await ask('GetContDev')).strip()
@@ -77,10 +78,10 @@ _NAME = re.compile(r'(?=.*[A-Za-z])[A-Za-z0-9 ._+/-]{1,64}')
 
 
 async def identity(ask: Ask, address: str) -> str:
-    """Return the identity of a controller: `spel (simulated), c3_a601s, 127.0.0.1:5000`.
+    """Return the identity of a controller, such as `spel (simulated), c3_a601s, 127.0.0.1:5000`.
 
-    Missing or malformed fields are omitted. `address` is always included. Raises the exceptions of
-    `ask` except RemoteError.
+    The type and the robot are omitted if they are missing or malformed. Raises the exceptions of
+    `ask`, except RemoteError.
     """
     result = _SIMULATED.fullmatch(await told(ask, 'Sim,identity'))
     if result:
@@ -92,15 +93,16 @@ async def identity(ask: Ask, address: str) -> str:
 
 
 _SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}
-"""Units of the replies, degree and mm."""
+"""SI unit → the unit of the replies (degree or mm) in this unit."""
 
 _SHOWN_CHARACTERS = 60
 
 
 async def ask_positions(ask: Ask, units: Sequence[str]) -> tuple[tuple[float, ...], bool]:
-    """Return joint positions, in rad or m by `units`, and whether the motors are on.
+    """Return the joint positions, and whether the motors are on.
 
-    Raises ConnectionError for a reply that is not as many numbers.
+    `units` contains the unit of each joint, rad or m. Raises ConnectionError unless the reply has
+    one number for each joint and one for the motors.
     """
     angles = ', '.join(f'Agl({joint})' for joint in range(1, len(units) + 1))
     command = f'Execute,"Print {angles}, Motor"'

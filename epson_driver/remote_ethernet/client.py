@@ -4,8 +4,8 @@
 
     flags, code = (await execute(host, 5000, ['GetStatus'], timeout=2.0))[0].split(',')
 
-It supports RC700-A, RC90 and later controllers, and the simulated controller. The RC620 has no
-such port.
+The client supports RC700-A, RC90 and later controllers, and the simulated controller. The RC620
+does not have Remote Ethernet.
 """
 
 import asyncio
@@ -54,32 +54,36 @@ _MAX_LINE_BYTES = 65_536
 _MAX_SHOWN_CHARACTERS = 100
 """Maximum length of an invalid reply in an error text, characters."""
 MAX_ERROR_DIGITS = 5
-"""Maximum number of digits of an error number. (`int` raises ValueError above 4,300.)"""
+"""Maximum number of digits of an error number in a valid reply."""
 
 MAX_LOGINS = 5
-"""Maximum login attempts if the controller closes the connection: all its slots may be in use."""
+"""Maximum number of login attempts. A controller without a free slot closes the connection."""
 
 LOGIN_RETRY_PERIOD_S = 0.2
 """Delay before the next login attempt, s."""
 
 LOGIN_TIMEOUT_S = 5.0
-"""Timeout of a login, s, after which a new connection is tried. The operating system retries a
-connection that was dropped by a full queue at increasing intervals."""
+"""Timeout of one login attempt, s.
+
+Reconnecting is faster than waiting, because the operating system repeats a dropped connection
+request at increasing intervals.
+"""
 
 Ask = Callable[[str], Awaitable[str]]
-"""Sends a command without its `$` and returns the value of the reply, or raises RemoteError.
+"""Function that sends a command, written without its `$`, and returns the value of the reply.
 
-The value is always made printable by `inputs.printable`."""
-
+The value contains only printable characters. Raises RemoteError if the command is refused.
+"""
 
 Login = Callable[[float], AbstractAsyncContextManager[Ask]]
-"""Opens a session that is limited to a timeout, s, such as `logged_in`."""
+"""Function that opens a session like `logged_in`. Its argument is the session's timeout, s."""
 
 
 class RemoteError(Exception):
-    """The controller refused a command. `command`: as sent, `number`: error, `meaning`: its text.
+    """The controller refused a command.
 
-    The command of a login is stored without the password.
+    `command` is the command as sent (a login without its password), `number` the error number, and
+    `meaning` the text of this number.
     """
 
     def __init__(self, command: str, number: int) -> None:
@@ -95,9 +99,9 @@ async def execute(
 ) -> list[str]:
     """Log in, send the commands in order, log out, and return the value of each reply.
 
-    The login is omitted if all commands are for a simulation (`Sim,…`). Commands are written
-    without their `$`, for example `'SetMotorsOn,1'`. The first refused command ends the sequence.
-    Raises the same errors as `logged_in`.
+    Commands are written without their `$`, for example `'SetMotorsOn,1'`. The first refused
+    command ends the sequence. The login is omitted if all commands are for a simulation (`Sim,…`).
+    Raises the exceptions of `logged_in`.
     """
     if all(command.startswith('Sim,') for command in commands):
         session = connected(host, port, timeout)
@@ -109,14 +113,14 @@ async def execute(
 
 @asynccontextmanager
 async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
-    """Connect without a login, which `$Sim` does not need. Otherwise like `logged_in`."""
+    """Open a session without a login, for `$Sim` commands. Otherwise like `logged_in`."""
 
-    async def greet(ask: Ask) -> None:
-        with suppress(RemoteError):  # a real controller refuses the command, so it also answers
+    async def first_command(ask: Ask) -> None:
+        with suppress(RemoteError):  # the refusal of a real controller is also an answer
             await ask('Sim,joints')
 
     async with asyncio.timeout(timeout):
-        ask, writer = await _answering(host, port, greet, MAX_LOGINS)
+        ask, writer = await _answering(host, port, first_command, MAX_LOGINS)
         try:
             yield ask
         finally:
@@ -127,14 +131,14 @@ async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
 async def logged_in(
     host: str, port: int, timeout: float, password: str = '', max_logins: int = MAX_LOGINS
 ) -> AsyncIterator[Ask]:
-    """Log in for several commands, with one `timeout`, s, for the whole session.
+    """Open a session: log in, yield the function that sends commands, and log out.
 
-    If the controller closes the connection before it answers the login, or needs longer than
-    LOGIN_TIMEOUT_S, the login is repeated, `max_logins` times in total. This is safe because no
-    command has been sent. A closed connection or a refusal at the logout, for example during
-    another client's command, is ignored, because all commands have been answered.
+    `timeout`, s, limits the whole session. If the controller closes the connection before it
+    answers the login, or does not answer within LOGIN_TIMEOUT_S, the login is repeated. The number
+    of attempts is `max_logins`. Repeating is safe because no command has been sent. A failed
+    logout is ignored, because all commands have been answered.
 
-    Raises RemoteError for a refused command, TimeoutError if the session exceeds `timeout`,
+    Raises RemoteError if a command is refused, TimeoutError if the session exceeds `timeout`,
     HungUpError if the controller closes the connection, and ConnectionError if it is unreachable
     or sends an invalid reply.
     """
@@ -153,28 +157,28 @@ async def logged_in(
 
 
 async def _answering(
-    host: str, port: int, greet: Callable[[Ask], Awaitable[None]], tries: int
+    host: str, port: int, first_command: Callable[[Ask], Awaitable[None]], attempts: int
 ) -> tuple[Ask, asyncio.StreamWriter]:
-    """Return a connection whose greeting, which causes no motion, was answered."""
+    """Connect, and send a first command, which must not move the arm, up to `attempts` times."""
     while True:
-        tries -= 1
+        attempts -= 1
         writer: asyncio.StreamWriter | None = None
         try:
             async with asyncio.timeout(LOGIN_TIMEOUT_S):
                 reader, writer = await _connected(host, port)
                 ask = partial(_ask_at, f'{host}:{port}', reader, writer)
-                await greet(ask)
+                await first_command(ask)
             return ask, writer
         except BaseException as error:
             if writer is not None:
                 writer.close()
-            if not tries or not isinstance(error, HungUpError | TimeoutError):
+            if not attempts or not isinstance(error, HungUpError | TimeoutError):
                 raise
         await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
 
 
 class HungUpError(ConnectionError):
-    """The controller closed the connection. The last command may or may not have been executed."""
+    """The controller closed the connection. It may or may not have executed the last command."""
 
 
 async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
@@ -208,7 +212,9 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
         line = await reader.readline()
     except ValueError as error:
         shown = without_password(command)
-        raise ConnectionError(f'the reply to {shown} has no end') from error
+        raise ConnectionError(
+            f'the reply to {shown} is longer than {_MAX_LINE_BYTES} bytes'
+        ) from error
     answer = printable(line.decode(errors='replace').strip())
     if not line.endswith(b'\n'):
         shown = without_password(command)
@@ -224,7 +230,7 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
 
 
 def answer_to(line: str, command: str) -> str | RemoteError | None:
-    """Return the value of the reply to a command, its refusal, or None for any other line."""
+    """Return the value or the refusal in a reply to `command`, or None for any other line."""
     name, _, value = line[1:].partition(',')
     number = value.strip()
     if name.lower() == command.partition(',')[0].lower():
@@ -236,7 +242,7 @@ def answer_to(line: str, command: str) -> str | RemoteError | None:
 
 
 def without_password(command: str) -> str:
-    """Return a command without a password, for display."""
+    """Return a command for display. A login is returned without its password."""
     name = command.partition(',')[0]
     return name if name.lower() == 'login' else command
 
@@ -245,14 +251,17 @@ T = TypeVar('T')
 
 
 class PreemptedError(ConnectionError):
-    """A more urgent dialogue needed the remote port."""
+    """A dialogue on the remote port was cancelled or refused in favour of an urgent one."""
 
     def __init__(self) -> None:
         super().__init__('the remote port was needed for the motors')
 
 
 class RemoteTurns:
-    """Allows one dialogue at a time on the port, motors first. For one event loop."""
+    """Access to the remote port for one dialogue (a sequence of commands) at a time.
+
+    Urgent dialogues, which switch the motors, precede patient ones. For use in one event loop.
+    """
 
     def __init__(self) -> None:
         self._lock = asyncio.Lock()
@@ -261,7 +270,7 @@ class RemoteTurns:
 
     @asynccontextmanager
     async def urgent(self) -> AsyncIterator[None]:
-        """Acquire the port. A patient dialogue is cancelled, an urgent one is awaited."""
+        """Acquire the port. Cancel a patient dialogue, or wait for the end of an urgent one."""
         self._urgent += 1
         try:
             if self._patient is not None:
@@ -274,7 +283,7 @@ class RemoteTurns:
     async def patient(self, dialogue: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Wait for the port, run a dialogue, and return its result.
 
-        Raises the dialogue's exceptions, and GaveWayError if an urgent dialogue needs the port.
+        Raises the dialogue's exceptions, and PreemptedError if an urgent dialogue needs the port.
         """
         async with self._lock:
             if self._urgent:

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Operator actions at a controller: the command table of `pendant`, panel and Python API.
 
-`$Sim,…` is for the simulated controller only. An operator performs these actions at a real one.
+`$Sim,…` commands work at the simulated controller only. At a real one, an operator performs these
+actions by hand.
 """
 
 from collections.abc import Sequence
@@ -11,28 +12,29 @@ from typing import NamedTuple
 from epson_driver.remote_ethernet.client import Ask, RemoteError, RemoteErrorNumber
 
 MAX_ECHO_CHARACTERS = 200
-"""Maximum number of characters of the input in an error text."""
+"""Maximum number of characters of an invalid input that an error text quotes."""
 
 
 class UsageError(ValueError):
-    """Unknown words. The text lists the valid ones."""
+    """The text of an action is invalid. The message lists the valid forms."""
 
 
 class RefusedError(Exception):
-    """The controller refused an action. The text is the reason; `number`: the error number."""
+    """The controller refused an action. The message is the reason, `number` the error number."""
 
     def __init__(self, text: str, number: int = 0, *, explained: bool = True) -> None:
         super().__init__(text)
         self.number = number
         self.explained = explained
-        """Whether the text contains more than the number's meaning."""
+        """Whether the message contains more than the meaning of the error number."""
 
 
 class Action(NamedTuple):
-    """Equivalent remote commands. The controller gets the first that it supports.
+    """An operator action: equivalent remote commands, tried until the controller supports one.
 
     `done`: text after success (empty: the controller's reply). `moves`: the arm may move. `stops`:
-    it can only stop the arm, so it is repeated if the connection closed before the reply.
+    the action can only stop the arm, so it may be repeated if the connection closes before the
+    reply.
     """
 
     commands: tuple[str, ...]
@@ -64,7 +66,7 @@ ACTIONS = {
     'io': Action(('Sim,io',)),
     'fault': Action(('Sim,fault,list',)),
 }
-"""Actions without further words."""
+"""Actions without arguments, by name."""
 
 FORMS = {
     'io KIND INDEX': 'read an I/O point, KIND = DI, DO or flag (*: AI or AO, too)',
@@ -74,20 +76,20 @@ FORMS = {
     'disturb JOINT DEGREES': 'push a joint (mm if it is linear)',
     'reboot [SECONDS]': 'power cycle, off for SECONDS (default: 5)',
 }
-"""Actions with further words, and their descriptions."""
+"""Form of an action with arguments → its description."""
 
 POINTS = {
     'DI': ('GetIO,{}', ''),
     'DO': ('Execute,"Print Oport({})"', 'SetIO,{},{}'),
     'flag': ('GetMemIO,{}', 'SetMemIO,{},{}'),
 }
-"""Commands that read and write a real controller's points, or '' if unsupported."""
+"""Kind of I/O → commands that read and write a point of a real controller ('': unsupported)."""
 
 SWITCH = {'off': '0', 'on': '1'}
 
 
 def action(text: str) -> Action:
-    """Return the action for the words. Raises UsageError."""
+    """Return the action for a text such as `motors on`. Raises UsageError if it is invalid."""
     words = text.split()
     message = ' '.join(words)
     if message in ACTIONS:
@@ -102,7 +104,7 @@ def action(text: str) -> Action:
 
 
 def _point(words: Sequence[str]) -> Action:
-    """Return the action that reads or sets a point."""
+    """Return the action that reads or sets an I/O point. Raises UsageError."""
     kind, index, value = (*words, '', '', '')[:3]
     number = SWITCH.get(value, value)
     if len(words) not in (2, 3) or not index.isdecimal() or (number and not _is_number(number)):
@@ -120,9 +122,9 @@ def _is_number(text: str) -> bool:
     return text.removeprefix('-').isdecimal() and text.isascii()
 
 
-async def do(ask: Ask, asked: Action) -> str:
-    """Run an action and return the controller's reply. Raises RefusedError."""
-    for command in asked.commands:
+async def do(ask: Ask, requested: Action) -> str:
+    """Run an action and return the controller's reply. Raises RefusedError if it is refused."""
+    for command in requested.commands:
         try:
             return await ask(command)
         except RemoteError as error:
@@ -134,7 +136,7 @@ async def do(ask: Ask, asked: Action) -> str:
 
 
 async def told(ask: Ask, command: str) -> str:
-    """Return the value of the reply, or '' if the controller refuses the command."""
+    """Send a command and return the value of its reply, or '' if the controller refuses it."""
     try:
         return await ask(command)
     except RemoteError:

@@ -50,7 +50,8 @@ DEFAULT_SPEED = 0.05
 class SpelSource(NamedTuple):
     """A SPEL+ program, its ports, and its terminal (None: log the output).
 
-    `starts`: a function that runs instead of main and BgMain.
+    `around`: the environment of the program (None: the default). `starts`: the function to run. If
+    it is not main, BgMain is not started either.
     """
 
     program: CompiledProgram
@@ -72,9 +73,9 @@ def new_controller(
 ) -> Controller:
     """Return a controller that has just booted.
 
-    `start` is the initial arm position, shape (n,), rad. The default is zeros, or the nearest
-    position within the limits. With a `planner` the arm moves smoothly, otherwise point to point.
-    With `spel` a SPEL+ program runs instead of the built-in one, and the arm moves point to point.
+    `start` is the initial arm position, shape (n,), rad (None: the position within the limits that
+    is nearest to zero). With a `planner` the arm moves smoothly, otherwise point to point. With
+    `spel` a SPEL+ program runs instead of the built-in one, and the arm moves point to point.
     `dialect` and `state_period`, s, default to the profile's. `seed` is the seed of the faults.
     Raises ValueError if the start is outside the limits, or if the robot has more joints than fit
     in a message.
@@ -109,7 +110,7 @@ def new_controller(
 
 
 def program_network(profile: ControllerProfile) -> ProgramNetwork:
-    """Return the ports of a SPEL+ program. The profile's ports have their usual names."""
+    """Return the ports of a SPEL+ program. It names the profile's ports motion, state and io."""
     ports = profile.ports
     return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
 
@@ -148,12 +149,12 @@ def _statements(controller: Controller, start: Array) -> PointToPoint:
 
 
 def _command_window(controller: Controller) -> SpelProgram:
-    """Return a program without functions, which borrows the arm of the built-in program."""
+    """Return an empty program for $Execute, which takes over the arm for each motion."""
     executor = _statements(controller, controller.arm.commanded)
 
     def claim() -> None:
         if controller.clients.has_client('motion'):
-            text = 'the client of the motion port has the arm'
+            text = 'the client of the motion port controls the arm'
             raise SpelError(ErrorNumber.TASK_TYPE, text)
         controller.arm.switch_executor(executor)
 
@@ -205,18 +206,22 @@ _MS = 1000.0
 
 
 def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
-    """Return the files of a profile's project, with the profile's changes.
+    """Return the files of a profile's SPEL+ project, configured for a robot model.
 
-    The robot model supplies the values that a user takes from the robot's manual or measures, if
-    the files have lines for them: `#define J1_SPEED` and so on, degrees/s (mm/s), the number of
-    joints, and the acceleration times T100_MS and RAMP_MS. Raises InputError, OSError.
+    The #define lines get the values of `robot_defines` and of the profile's `config`. Raises
+    InputError if a value does not fit the project, OSError if a file cannot be read.
     """
     files = read_project(share_folder(profile.project))
     return with_defines(files, {**robot_defines(files, model), **profile.config})
 
 
 def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
-    """Return a project's #define lines for a robot. Raises InputError for unknown ones."""
+    """Return the values of a project's #define lines that depend on the robot.
+
+    J1_SPEED and so on are in degrees/s (mm/s). A user takes them from the robot's manual. T100_MS
+    and RAMP_MS are acceleration times, which a user measures. Values without a #define line in
+    `files` are omitted. Raises InputError if the project does not support the robot's joints.
+    """
     text = '\n'.join(files.values())
     limits, joints, scara = model.limits, len(model.joint_names), 'm' in model.limits.units
     if f'{joints} {scara}' not in ('6 False', '4 True') and 'JOINT_COUNT' in text:

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clients connected to each port, and the sessions of the motion and state ports.
 
-A client connection is one client of one port: a transport, which may be faulty, and a session.
+A client connection serves one client of one port. It consists of a transport, on which simulated
+faults act, and a session.
 """
 
 import logging
@@ -37,11 +38,10 @@ from epson_driver.simple_message import (
 )
 
 MAX_CATCH_UP_SLOTS = 200
-"""Maximum slots to catch up on after a scheduling delay, 1 s at 200 Hz.
+"""Maximum state messages to catch up on after a scheduling delay, 1 s at 200 Hz.
 
-A controller measures in each of its cycles. Late messages of the simulation therefore contain the
-state at the time of their slot. After a longer delay, older slots are dropped, because clients do
-not need them and each costs 0.1 ms of the process.
+Late messages contain the state at their due time, like those of a controller, which measures in
+each cycle. Older messages are dropped, because clients do not need them and each takes 0.1 ms.
 """
 
 _Slot = tuple[Callable[[], Message], ...]
@@ -49,9 +49,10 @@ _Slot = tuple[Callable[[], Message], ...]
 
 
 class StateSession:
-    """Sends one client the joints every `state_period` s, and a STATUS after some.
+    """Session of one state client, with joint positions every `state_period` s.
 
-    Each message has the state at the time of its slot, even if it is sent late.
+    A STATUS follows after `joint_positions_per_status` of them. Each message contains the state at
+    its due time, even if it is sent late.
     """
 
     def __init__(self, controller: Controller, send: Send) -> None:
@@ -78,7 +79,7 @@ class StateSession:
         self._open = True
 
     def receive(self, data: bytes) -> None:
-        """Answer requests for the messages that are also sent periodically. Raises FrameError."""
+        """Answer requests for joint positions, STATUS or the version. Raises FrameError."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             reply = answer_frame(frame, self._answers)
@@ -98,19 +99,17 @@ class StateSession:
 SLICES = 20
 """Number of slices of the timeout.
 
-A slice counts once, however late its end is detected. Messages received during a scheduling delay
-of this process are therefore still read.
+A scheduling delay of this process counts as one slice, however long it is. Messages that arrive
+during the delay are therefore read before the timeout expires.
 """
 
 
 class ClientWatchdog:
-    """Calls `silent` when a client that has sent a heartbeat sends nothing for `timeout` s.
+    """Timeout for a client that sends heartbeats: a PING as a topic (REP-I0006).
 
-    It is called once per silence, up to one slice late. `receive` gets every message of the
-    client.
-
-    A heartbeat is a PING as a topic, which is not answered (REP-I0006). A client that has sent
-    none on its connection may be silent indefinitely, like the clients of ROS 1.
+    `silent` is called once when such a client has sent nothing for `timeout` s, up to one slice
+    late. `receive` must be called with every message of the client. A client without heartbeats,
+    like a ROS 1 driver, may be silent indefinitely.
     """
 
     def __init__(self, clock: Clock, timeout: float, silent: Callable[[], None]) -> None:
@@ -121,8 +120,8 @@ class ClientWatchdog:
         self._timer: Timer | None = None
 
     def receive(self, frame: Frame) -> None:
-        """Restart the timeout after a message, once a first heartbeat has arrived."""
-        self._quiet = -1  # the slice in which it came does not count
+        """Restart the timeout after a message. The first heartbeat starts it."""
+        self._quiet = -1  # the current slice does not count
         if frame.heartbeat and self._timer is None:
             self._timer = self._clock.every(self._slice, self._look, first=self._slice)
 
@@ -138,7 +137,7 @@ class ClientWatchdog:
 
 
 class MotionSession:
-    """The session of the one motion client, with a watchdog if the profile has one."""
+    """The session of the motion client, with a watchdog if the profile specifies one."""
 
     def __init__(self, controller: Controller, send: Send) -> None:
         self._controller = controller
@@ -154,7 +153,10 @@ class MotionSession:
         controller.client_came()
 
     def receive(self, data: bytes) -> None:
-        """Process the client's bytes. Raises FrameError, after which the client counts as lost."""
+        """Process the client's bytes. Raises FrameError if frame synchronization is lost.
+
+        The session then ends, as after the loss of the client.
+        """
         self._framer.receive_data(data)
         try:
             while self._open and (frame := self._framer.next_frame()) is not None:
@@ -181,13 +183,13 @@ class MotionSession:
 _log = logging.getLogger(__name__)
 
 MAX_REMOTE_CLIENTS = 16
-"""Maximum number of remote clients. A further one replaces another."""
+"""Maximum number of remote clients. A further client replaces one of them."""
 
 GRACE_S = 0.1
-"""Time after its arrival, s, in which a remote client is not evicted, so that it can send."""
+"""Time after its connection, s, in which a remote client is not evicted, so that it can send."""
 
 MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
-"""Maximum number of clients of a full remote port that may be in their grace time."""
+"""Maximum number of clients within GRACE_S when the remote port is full."""
 
 
 class ClientConnection(Session):
@@ -211,20 +213,20 @@ class ClientConnection(Session):
 
     @property
     def claim(self) -> tuple[bool, bool, bool, float]:
-        """The sort key for eviction from a full remote port: the lowest client is evicted first.
+        """The sort key for eviction from a full remote port. The client with the lowest key goes.
 
-        A new client has the highest key, followed by a client of this machine, then a client with
-        an accepted command such as a login, then the client with the most recent command. A client
-        that waits for the answer to `$Execute` gets no higher key.
+        The criteria in order of precedence: a new client, a client on this machine, a client with
+        an accepted command such as a login, the time of the last command. A client that waits for
+        the answer to `$Execute` has no advantage.
         """
         session = self.session
         if not isinstance(session, RemoteSession):
-            raise TypeError(f'a client of the {self.port} port keeps its place')
+            raise TypeError(f'a client of the {self.port} port is never evicted')
         new = self._controller.clock.now < self._begun + GRACE_S
         return new, self.local, session.obeyed, session.heard
 
     def receive(self, data: bytes) -> None:
-        """Process bytes from the client. Raises FrameError like the session."""
+        """Process bytes from the client. Raises FrameError if frame synchronization is lost."""
         data = self._transport.receive(data)
         if not data or not self._open:
             return
@@ -249,7 +251,7 @@ class ClientConnection(Session):
         if self._open:
             self._open = False
             self._clients.gone(self)
-            self.session.closed()  # a client that has only shut its side down gets its answers
+            self.session.closed()  # before the transport, which still sends its last answers
             self._transport.close()
 
 
@@ -265,10 +267,10 @@ class ClientConnections:
     def connect(self, port: str, client: Client) -> ClientConnection:
         """Start to serve a client of `port`: motion, state, io or remote.
 
-        The connection's `closed` must be called when it ends for any reason. Raises
-        ConnectionRefusedError with the reason if the port accepts no client now. A remote client
-        above the maximum replaces another one, so that an E-stop command gets through. The only
-        exception is a client of another machine when all clients are local.
+        The connection's `closed` must be called when it ends for any reason. A remote client above
+        the maximum replaces another one, so an E-stop command always gets through. A client of
+        another machine is refused instead if all clients are local. Raises ConnectionRefusedError,
+        with the reason, if the client is refused.
         """
         reason = self._rejection(port)
         if reason is None and port == 'remote':
@@ -280,7 +282,7 @@ class ClientConnections:
         return connection
 
     def session(self, port: str, send: Send, client: Client) -> Session:
-        """Return a session with a new client."""
+        """Return a new session with a client of the port."""
         if self._spel is not None and port != 'remote':
             return self._spel.session(port, send, client.close)
         return _open(self._controller, port, send, client)
@@ -332,7 +334,7 @@ class ClientConnections:
             raise ConnectionRefusedError('a client is logged in, only one is served')
 
     def boot(self, seconds: float) -> None:
-        """Close all connections, and refuse others for `seconds`."""
+        """Close all connections, and refuse new ones for `seconds`."""
         if self._boot is not None:
             self._boot.cancel()
         self._boot = self._controller.clock.after(seconds, self._booted)
@@ -346,7 +348,7 @@ class ClientConnections:
         if self._boot is not None:
             return 'the controller boots'
         if self._controller.faults.rejects(port):
-            return 'cut on request'
+            return 'the fault `cut` is active'
         if self._spel is not None and port != 'remote':
             return self._spel.rejection(port)
         if port != 'remote' and self._controller.profile.program.interface == 'statements':
@@ -356,7 +358,7 @@ class ClientConnections:
         return None
 
     def _make_room(self, client: Client) -> str | None:
-        """Make room for one more remote client, or return why it is refused."""
+        """Make room for one more remote client. Return why it is refused, or None."""
         held = self._remote
         if len(held) < MAX_REMOTE_CLIENTS:
             return None

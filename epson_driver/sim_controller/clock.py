@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's time, which the caller advances, and its timers.
+"""The time of the controller, which its caller advances, and its timers.
 
 The clock never reads the real time. The same calls therefore give the same results, and a
 simulation can run faster than real time. A late call runs the missed timers in order, each at its
@@ -20,7 +20,7 @@ MIN_TIMERS_TO_SWEEP = 64
 class Timer:
     """A scheduled action, once or every `period` s, until it is cancelled.
 
-    Created by `Clock.after` and `Clock.every`.
+    `Clock.after` and `Clock.every` create timers. `due` is the time of the next call, s.
     """
 
     __slots__ = ('action', 'catch_up', 'due', 'period')
@@ -34,7 +34,7 @@ class Timer:
         self.catch_up = catch_up
 
     def cancel(self) -> None:
-        """Cancel the action. Calling it twice or after the action is allowed."""
+        """Cancel the action. Repeated calls, and calls after the action, are allowed."""
         self.action = None
 
 
@@ -43,10 +43,10 @@ def _nothing(_seconds: float) -> None:
 
 
 class Clock:
-    """Time in s since the start, and timers in the order of their due times.
+    """Time `now` since the start, s, and timers in the order of their due times.
 
-    Timers with the same due time act in the order of their creation, so the same calls always give
-    the same order.
+    Timers with the same due time act in the order in which they were set, so a simulation is
+    reproducible.
     """
 
     def __init__(self) -> None:
@@ -57,12 +57,12 @@ class Clock:
 
     @property
     def timers(self) -> int:
-        """Number of timers stored, including some cancelled ones."""
+        """Number of stored timers, including cancelled ones that are not yet removed."""
         return len(self._timers)
 
     @property
     def next_due(self) -> float | None:
-        """Time of the next timer, s, or None."""
+        """Due time of the next timer, s, or None without timers."""
         while self._timers and self._timers[0][2].action is None:
             heapq.heappop(self._timers)
         return self._timers[0][0] if self._timers else None
@@ -83,10 +83,9 @@ class Clock:
         """Advance the time to `until`, and run the timers due by then.
 
         The time proceeds from one timer to the next. Before each timer, and once at the end,
-        `passes` is called with the time since its last call, s. The core advances the arm by that
-        time, so an action sees the arm's position at `now`, the time it is due, however late this
-        call is. An action may set further timers, which act in the same call if they are due by
-        `until`.
+        `passes` is called with the time elapsed since its last call, s. The core advances the arm
+        by this time, so each action sees the arm's position at its due time, however late this
+        call is. Timers set by an action run in the same call if they are due by `until`.
         """
         while (due := self.next_due) is not None and due <= until:
             timer = self._timers[0][2]

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The core of the simulated controller: its condition, and the effects on arm and program.
 
-Operator actions (`apply`), client bytes (`connect` and its sessions) and time (`step`) are calls.
-Replies go to the functions passed in. The same calls with the same seed produce the same bytes.
-`assembly.new_controller` adds arm, program and clients.
+Operator actions (`apply`), client bytes (`connect` and its sessions) and time (`step`) are
+function calls. Replies are passed to the clients' `send` functions. The same calls with the same
+seed produce the same bytes. `assembly.new_controller` adds arm, program and clients.
 """
 
 import copy
@@ -82,11 +82,11 @@ CYCLE_PERIOD_S = 0.004
 """Period of the motion control, s."""
 
 MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
-"""The largest push that a servo withstands, rad or m. A larger one is a position error."""
+"""The largest push that a servo withstands, rad or m. A larger one causes a servo error."""
 
 
 class Clients(Protocol):
-    """The interface of the core to the clients of the ports."""
+    """The clients of all ports, as used by the core. `ClientConnections` implements it."""
 
     def connect(self, port: str, client: Client) -> Session:
         """Start to serve a client. Raises ConnectionRefusedError if it is refused."""
@@ -110,7 +110,7 @@ class Clients(Protocol):
         """Close the connection of the remote client with the lowest priority, if any."""
 
     def boot(self, seconds: float) -> None:
-        """Close all connections and accept none for `seconds`."""
+        """Close all connections, and refuse new ones for `seconds`."""
 
 
 class Controller:
@@ -118,14 +118,13 @@ class Controller:
 
     `start` is the initial arm position, shape (n,), rad. `planner` plans smooth motion (None:
     unsupported). The state port sends every `state_period` s. `seed` is the seed of the faults.
-    `timing` counts missed deadlines. Raises ValueError if the start is outside the limits.
     """
 
     arm: SimulatedArm
     program: Program
     clients: Clients
     new_window: Callable[[], Window]
-    """Creates the program that executes $Execute."""
+    """Function that creates the program for the statements of $Execute."""
 
     tables: Tables = REGIONS
 
@@ -163,22 +162,22 @@ class Controller:
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
         self.reply: Send | None = None  # sends replies of the motion program
-        self._error: int = ErrorNumber.NONE  # of the controller itself, until a reset
-        self._error_text = ''  # message of its program, or empty
-        self._begun = 0  # points that the faults have processed
-        self._slowing = False  # whether it brakes to resume at low power
-        self._unattended = False  # whether the arm keeps its points for the next motion client
+        self._error: int = ErrorNumber.NONE  # error of the controller itself, until a reset
+        self._error_text = ''  # message of the program for this error, or empty
+        self._begun = 0  # number of started points of which the faults have been notified
+        self._slowing = False  # whether the arm brakes and then resumes at low power
+        self._unattended = False  # whether the arm is paused until the next motion client
 
     def begin(self) -> None:
-        """Start, once arm, program and clients are set."""
+        """Complete the construction, once arm, program and clients are set."""
         self._set_power()
 
     # Actions of operators and clients.
 
     def apply(self, event: Event) -> None:
-        """Apply an event to the controller.
+        """Apply an event, and its effects on arm and program.
 
-        Raises RejectedError, with the reason and the remedy, if the event is not allowed now.
+        Raises RejectedError if the controller does not allow the event now.
         """
         before = self.condition
         off = before.motors is Motors.OFF
@@ -218,16 +217,16 @@ class Controller:
             self.apply(Event.DOOR_OPEN)
 
     def connect(self, port: str, client: Client) -> Session:
-        """Serve a client of `port`: motion, state, io or remote.
+        """Start to serve a client of `port`: motion, state, io or remote.
 
         The session's `closed` must be called when its connection ends for any reason. Raises
-        ConnectionRefusedError with the reason if the port accepts no client now.
+        ConnectionRefusedError, with the reason, if the client is refused.
         """
         return self.clients.connect(port, client)
 
     @property
     def window(self) -> Window:
-        """The program that executes $Execute: a SPEL+ one, or one next to the built-in program."""
+        """The program for $Execute: the SPEL+ program, or one beside the built-in program."""
         if self._window is None:
             self._window = self.new_window()
         return self._window
@@ -238,7 +237,7 @@ class Controller:
             yield self._window
 
     def client_came(self) -> None:
-        """Serve a new motion client. Points that were kept for it resume immediately."""
+        """React to a new motion client. An arm that waited for a client resumes its motion."""
         self._end_command('a client of the motion port connected')
         if self.profile.server.lost_client == 'brake':
             self.program.restart()
@@ -252,7 +251,7 @@ class Controller:
             self._window.abort_command(f'the command was aborted: {why}')
 
     def client_lost(self) -> None:
-        """React to the loss of the motion client according to the profile."""
+        """React to the loss of the motion client, as the profile's `lost_client` specifies."""
         lost = self.profile.server.lost_client
         if lost == 'brake':
             self.apply(Event.CLIENT_LOST)
@@ -263,9 +262,10 @@ class Controller:
             self.arm.executor.hold()
 
     def raise_error(self, number: int, critical: bool = False, text: str = '') -> None:
-        """Set an error: no power and aborted tasks, until a reset (or a boot if critical).
+        """Set an error, which cuts the motor power and aborts the tasks.
 
-        `text`: the message of the controller's program, which has already logged it.
+        It lasts until a reset, or if `critical`, until a boot. `text` is the message of a SPEL+
+        program, which has already logged it.
         """
         if self.condition.fault is not Fault.CRITICAL:
             self._error, self._error_text = number, text
@@ -277,16 +277,19 @@ class Controller:
         self._error, self._error_text = ErrorNumber.NONE, ''
 
     def reboot(self, seconds: float) -> None:
-        """Power-cycle the controller, in `seconds`. Buttons, door and key keep their state."""
+        """Power-cycle the controller, which takes `seconds`.
+
+        E-stop button, door and key switch keep their positions.
+        """
         self.clients.boot(seconds)
         self.apply(Event.BOOT)
 
     def disturb(self, joint: int, push: float) -> None:
         """Push one joint (index from 0) by `push` rad or m, like a person leaning on the arm.
 
-        Without power the arm stays where it is pushed. With power its servo pushes back, and a
-        push above `MAX_PUSH` is a position error. Raises RejectedError if the push exceeds the
-        limits, or if an arm without power still brakes.
+        Without power the arm stays where it is pushed. With power the servo pushes back, and a
+        push above `MAX_PUSH` causes a servo error. Raises RejectedError if the joint would exceed
+        its limits, or if an arm without power is still braking.
         """
         pushed = self.servo.actual.copy()
         pushed[joint] += push
@@ -318,14 +321,14 @@ class Controller:
         self.apply(Event.ESTOP_PRESS)
 
     def show(self, rejection: Rejection) -> None:
-        """Show the reason of a refusal in STATUS."""
+        """Show the error of a refused message in STATUS."""
         self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
-        """Brake and end the trajectory because no planner is available.
+        """Brake and end the trajectory because smooth motion has failed.
 
-        If STATUS shows only alarms in this profile, a moving arm also sets an error, because
-        acknowledged points are lost.
+        If STATUS shows only alarms in this profile and the arm was moving, also raise an error.
+        Otherwise the client would not notice the loss of its acknowledged points.
         """
         self.timing.planner_failures += 1
         alarm = self.moving and self.profile.state.errors == 'alarms'
@@ -342,19 +345,18 @@ class Controller:
     # Time.
 
     def step(self, dt: float) -> None:
-        """Advance everything by `dt` ≥ 0 s.
+        """Advance the controller by `dt` ≥ 0 s.
 
-        The clock proceeds from one due timer to the next. Before each timer, the arm advances to
-        that time (`_move`), so the timer sees the arm's position at that moment.
-        `SimulatedArm.step` passes the time to `Program.step`, because only the program knows the
-        next point. The program steps the executor, and if a point is done early, supplies the next
-        point for the remaining time. Finally the servos follow the resulting command.
+        The clock proceeds from one timer to the next. Before each timer the arm advances to the
+        timer's due time (`_move`). `SimulatedArm.step` calls `Program.step`, which steps the
+        executor and supplies the next point if one is done within the step. Finally the servos
+        follow the resulting command.
         """
         self.clock.advance(self.clock.now + dt, self._move)
 
     @property
     def program_runs(self) -> bool:
-        """Whether tasks of its program keep it from being Ready, like on a real controller."""
+        """Whether the program has running tasks, so the controller is not Ready."""
         return self.program.runs
 
     @property
@@ -385,7 +387,7 @@ class Controller:
     # State.
 
     def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Set the numbers of a SPEL+ statement, which must be in its range."""
+        """Set the numbers of a SPEL+ setting, which must be in its range."""
         self.spel.change(name, numbers)
         self._keep_to_settings()
 
@@ -401,22 +403,22 @@ class Controller:
 
     @property
     def error_number(self) -> int:
-        """The error shown in STATUS. In an E-stop it is the error of the aborted motion task."""
+        """The error shown in STATUS, TASK_ABORTED during an E-stop."""
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number
 
     def error_text(self, number: int) -> str:
         """Return the text of an error number, or the program's message for the current error."""
-        report = self._error_text if number == self.error_number == self._error else ''
-        return report or TEXTS.get(number, 'see the manual')
+        message = self._error_text if number == self.error_number == self._error else ''
+        return message or TEXTS.get(number, 'see the manual')
 
     def joint_position(self) -> JointPosition:
         """Return the joint positions that the encoders report."""
         return state_port.joint_position(self.servo.position)
 
     def joint_feedback(self) -> JointFeedback:
-        """Return joint positions and velocities, with a time stamp if the profile has one."""
+        """Return joint positions and velocities, with a time stamp if the profile specifies it."""
         servo = self.servo
         now = self.clock.now if self.profile.state.feedback_time else None
         return state_port.joint_feedback(servo.position, servo.velocity, now)
@@ -432,7 +434,7 @@ class Controller:
         )
 
     def version(self) -> GetVersion:
-        """Return the program's version, which shows whether it has a watchdog."""
+        """Return the program's version, which shows clients whether it has a watchdog."""
         watches = self.profile.server.client_timeout > 0.0
         return GetVersion(VERSION if watches else WITHOUT_WATCHDOG)
 
@@ -462,7 +464,7 @@ class Controller:
                 program.resume()
 
     def _resume_arm(self) -> None:
-        """Resume the arm after a hold, unless it waits for a motion client."""
+        """Resume the arm after a hold, unless the arm waits for a motion client."""
         if not self._unattended:
             self.arm.executor.resume()
 
@@ -472,7 +474,10 @@ class Controller:
             self.arm.go_back()
 
     def _settle(self) -> None:
-        """Switch the motors off or resume slowly, if pending and the arm is at rest."""
+        """If the arm is at rest, take the steps that were waiting for this.
+
+        They are a resumption at low power, the end of a recovery, and switching the motors off.
+        """
         if self.in_motion:
             return
         self._tell_timing()
@@ -484,14 +489,14 @@ class Controller:
             self.arm.went_back()
             self.apply(Event.RECOVERED)
             if self.arm.executor.moving:
-                self.trajectory_begins()  # it resumes, at its power
+                self.trajectory_begins()  # the trajectory resumes at its own power
             return
         self.arm.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        """Set the arm's power. A moving arm brakes and then resumes at low power."""
+        """Apply the power to the arm. A moving arm brakes before it resumes at low power."""
         arm, low = self.arm.executor, self.condition.power is not Power.HIGH
         goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and goes_on and not arm.still:
@@ -500,12 +505,12 @@ class Controller:
         arm.low_power = low
 
     def trajectory_begins(self) -> None:
-        """Set the power for a new trajectory, called when it starts."""
+        """Set the power for a trajectory that starts now."""
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
 
     def motion_rejection(self) -> Rejection | None:
-        """Return the reason why a point is refused in this condition, or None."""
+        """Return why a point is refused now, or None."""
         rejection = state_port.motion_rejection(self.condition)
         if rejection is None and self.arm.executor is not self.arm.own:
             return _LENT
@@ -514,11 +519,14 @@ class Controller:
         return rejection
 
     def command_rejection(self) -> Rejection | None:
-        """Return why a command cannot move the arm, or None. A command needs no running task."""
+        """Return why a statement of $Execute cannot move the arm, or None.
+
+        Unlike a point, such a statement needs no running tasks.
+        """
         return state_port.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
     def _tell_timing(self) -> None:
-        """Log the delays of the motion that has ended, if any."""
+        """Log the timing and planning failures during the motion that has ended, if any."""
         sentence = self.timing.since(self._reported)
         if sentence:
             _log.warning('in this motion: %s', sentence)

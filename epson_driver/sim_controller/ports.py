@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Programs, and sessions of the ports without sockets: bytes in, bytes out.
+"""Interfaces of the controller's ports and programs, without sockets.
 
-Every port of the controller, including a SPEL+ program's ports, opens sessions.
-`network/port_server.py` connects them to sockets, and tests call them directly.
+A session serves one client of a port: it receives bytes, and sends bytes with the client's `send`.
+`network/port_server.py` connects sessions to sockets. Tests call them directly.
 """
 
 import logging
@@ -29,25 +29,24 @@ from epson_driver.simple_message import (
 from epson_driver.spel import SpelError
 
 Send = Callable[[bytes], None]
-"""Sends the bytes of one message or line."""
+"""Function that sends the bytes of one message or line."""
 
 
 class Session(Protocol):
-    """One client of one port."""
+    """The session of one client of a port."""
 
     def receive(self, data: bytes) -> None:
         """Process bytes from the client, in any segmentation.
 
-        Raises FrameError when frame synchronization is lost, after which the connection must be
-        closed.
+        Raises FrameError if frame synchronization is lost. The connection must then be closed.
         """
 
     def closed(self) -> None:
-        """Stop sending after the client has disconnected. Calling it twice is allowed."""
+        """End the session after the client has disconnected. Repeated calls are allowed."""
 
 
 class Client(Protocol):
-    """Destination of a client's bytes, with its connection and whether it is local."""
+    """The connection to a client, as used by the sessions."""
 
     @property
     def local(self) -> bool:
@@ -64,9 +63,9 @@ class Client(Protocol):
 
 
 class ClientSession(Session, Protocol):
-    """A port that a SPEL+ program has opened as a client.
+    """The session of a port that a SPEL+ program has opened as a client.
 
-    `wanted`: the program has not closed it. `tcp_port`: port of its peer.
+    `wanted`: the program has not closed the port.
     """
 
     name: str
@@ -81,27 +80,30 @@ class ClientSession(Session, Protocol):
 
 
 class ProgramPorts(Protocol):
-    """The open ports of a program, and its sessions with their clients."""
+    """The ports that a SPEL+ program opens."""
 
     listen: Callable[[int], None]
-    """Called when the program opens a TCP port without a name here. May raise OSError."""
+    """Called with a TCP port that the program opens as a server. May raise OSError.
+
+    It is not called for the controller's own ports, which are always open.
+    """
 
     connect: Callable[[ClientSession], None] | None
-    """Called with a port that the program opens as a client."""
+    """Called with a port that the program opens as a client (None: no network)."""
 
     def rejection(self, port: str) -> str | None:
         """Return why a client of a port cannot be served now, or None."""
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Serve an accepted client, until `close` ends its connection."""
+        """Return a session with an accepted client, which it disconnects with `close`."""
 
 
 Answer = Callable[[str | SpelError], None]
-"""Gets the output of a command ('' for none), or the error that ended it."""
+"""Function that is called with the output of a statement ('' for none), or with its error."""
 
 
 class Program(Protocol):
-    """Executes the points of one client, one after the other, and answers them."""
+    """A program that moves the arm and answers the messages of the motion client."""
 
     @property
     def ready(self) -> bool:
@@ -109,9 +111,9 @@ class Program(Protocol):
 
     @property
     def runs(self) -> bool:
-        """Whether its tasks keep the controller from being Ready, which only SPEL+ tasks do.
+        """Whether a SPEL+ task other than a background task is running.
 
-        Background tasks do not count.
+        If so, the controller is not Ready. The built-in programs do not count.
         """
 
     def receive(self, frame: Frame) -> None:
@@ -120,25 +122,24 @@ class Program(Protocol):
     def step(self, dt: float) -> None:
         """Advance the executor by `dt` ≥ 0 s and supply its points.
 
-        If a point is done within `dt`, the program answers it and supplies the next one, which
-        gets the remaining time. So the arm moves from point to point without a pause for any step
-        size.
+        If a point is done within `dt`, the program answers it, supplies the next one and advances
+        by the remaining time. So the step size does not cause pauses between points.
         """
 
     def abort(self) -> None:
         """Brake, and answer all unanswered points with FAILURE."""
 
     def restart(self) -> None:
-        """Abort and discard the trajectory."""
+        """Abort, and discard the trajectory."""
 
     def detach(self) -> None:
-        """Discard the disconnected client, but keep its acknowledged points."""
+        """Discard the unacknowledged points of a client that has disconnected."""
 
     def pause(self) -> None:
-        """Give the arm no more points and answer none, until `resume`.
+        """Supply no more points to the arm and answer none, until `resume`.
 
-        Calling it twice is allowed. Invalid points are still refused, and STOP still works. The
-        caller pauses the arm itself.
+        Invalid points are still refused, and STOP still works. The caller pauses the arm. Repeated
+        calls are allowed.
         """
 
     def resume(self) -> None:
@@ -148,20 +149,20 @@ class Program(Protocol):
         """Restart after a power cycle of the controller."""
 
     def tasks(self) -> Iterable[TaskRow] | None:
-        """Return its tasks for display, or None if condition/tasks.py lists them."""
+        """Return the tasks for display, or None for those in condition/tasks.py."""
 
 
 class Window(Program, Protocol):
-    """A SPEL+ program that can also execute commands, one at a time."""
+    """A SPEL+ program that can also execute commands (the text of $Execute), one at a time."""
 
     @property
     def executes(self) -> bool:
         """Whether a command is executing."""
 
     def execute(self, text: str, answer: Answer) -> None:
-        """Start a command, and call `answer` when it is over, possibly immediately.
+        """Start a command, and call `answer` at its end, possibly within this call.
 
-        Raises ProgramError if the command is invalid, RuntimeError if one is executing.
+        Raises ProgramError if the command is invalid, RuntimeError if another one is executing.
         """
 
     def abort_command(self, why: str) -> None:
@@ -169,13 +170,13 @@ class Window(Program, Protocol):
 
 
 VERSION = (0, 2, 0)
-"""Version of the controller's program in GET_VERSION replies: major, minor, patch."""
+"""Version of the built-in program in GET_VERSION replies: major, minor, patch."""
 
 WITHOUT_WATCHDOG = (0, 1, 0)
-"""Version of a program without watchdog for a stalled motion client."""
+"""Version of a program without a watchdog for a stalled motion client."""
 
 Answers = Mapping[int, Callable[[], Message]]
-"""Message type → reply body, for requests besides PING, or instead of VERSION."""
+"""Message type → function that returns the body of the reply to such a request."""
 
 UNANSWERED = (CommType.TOPIC, CommType.SERVICE_REPLY)
 """Message types that are not answered."""
@@ -184,12 +185,15 @@ _log = logging.getLogger(__name__)
 
 
 def failure(msg_type: int) -> Packet:
-    """Return a FAILURE reply, which has only a header."""
+    """Return a reply with FAILURE and an empty body."""
     return reply(Opaque(msg_type), ReplyCode.FAILURE)
 
 
 def answer(packet: Packet, own: Answers) -> Packet | None:
-    """Return the reply to a request, or None for topics and replies, which are not answered."""
+    """Return the reply to a request, or None for topics and replies, which are not answered.
+
+    `own` has precedence over the default answers, except for PING.
+    """
     if packet.comm_type is not CommType.SERVICE_REQUEST:
         return None
     if isinstance(packet.message, Ping):
@@ -202,9 +206,10 @@ def answer(packet: Packet, own: Answers) -> Packet | None:
 
 
 def answer_frame(frame: Frame, own: Answers) -> Packet | None:
-    """Return the reply to a frame that may have an invalid header or body.
+    """Return the reply to a frame that may have an invalid header or body, see `answer`.
 
-    Return None for topics and replies. Two peers that answer them would do so forever.
+    Topics and replies are not answered, because two peers could otherwise answer each other
+    forever.
     """
     try:
         return answer(decode(frame), own)

@@ -1,12 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel run`: a SPEL+ program on the simulated controller, in the terminal.
+"""`epson_driver spel run` and `spel test`: SPEL+ programs on the simulated controller.
 
-Print writes to stdout, and Input reads stdin. The command ends when all tasks are over, or an
-error has ended one. Operator actions (`pendant io`, E-stop, door) use the remote port.
-`epson_driver spel test`: each function named Test… runs on a separate controller, as fast as this
-machine allows. It passes if it ends without an unhandled error, for example: `If x <> 3 Then Error
-8001`.
+In `spel run`, Print writes to stdout, and Input reads stdin. The command ends when all tasks have
+ended, or one has ended with an error. Operator actions (`pendant io`, E-stop, door) use the remote
+port.
+
+In `spel test`, each function named Test… runs on a separate controller, as fast as this machine
+allows. A test passes if it ends without an unhandled error. It fails with a statement such as `If
+x <> 3 Then Error 8001`.
 """
 
 import asyncio
@@ -38,23 +40,26 @@ LOOK_S = 0.02
 """Polling period for the end of the program, s of the controller's time."""
 
 ALL_BITS, ALL_FLAGS = 4096, 1024
-"""Number of inputs and of outputs, and of memory bits. Project files do not specify I/O boards."""
+"""Number of inputs and of outputs, and number of memory bits.
+
+These are the maximum, because project files do not specify the I/O boards.
+"""
 
 LONGEST_S = 600.0
 """Time limit of a fast run and of a test, s of the controller's time."""
 
 FAILED, NOT_OVER = 1, 3
-"""Exit codes: a task ended with an error, or the time limit was reached."""
+"""Exit codes if a task ended with an error, and if the time limit was reached."""
 
 
 class Console(Unattended):
-    """The terminal of the command."""
+    """The terminal of `spel run`: stdout, and lines typed by the user."""
 
     def __init__(self) -> None:
         self._typed: deque[str] = deque()
 
     def typed(self, line: str) -> None:
-        """Store a line that a user has typed."""
+        """Store a line that the user has typed."""
         self._typed.append(line)
 
     def write(self, _caller: Caller, text: str) -> None:
@@ -63,12 +68,12 @@ class Console(Unattended):
         sys.stdout.flush()
 
     def read_line(self) -> str | None:
-        """Return the next line that was typed."""
+        """Return the next typed line, or None if there is none yet."""
         return self._typed.popleft() if self._typed else None
 
 
 class WaitingConsole(Console):
-    """The same terminal, except that the time stops while it waits for input."""
+    """The terminal of a fast run. The controller's time stops while it waits for a line."""
 
     def read_line(self) -> str | None:
         """Wait for a line. Return None at the end of the input."""
@@ -76,7 +81,7 @@ class WaitingConsole(Console):
 
 
 class Bench:
-    """Creates simulated controllers that run a program, with all I/O boards."""
+    """Creates simulated controllers with all I/O boards for programs."""
 
     def __init__(self, robot: str, controller_profile: str) -> None:
         self._model = load_robot_model(robot)
@@ -89,7 +94,7 @@ class Bench:
     def controller(
         self, program: Program, terminal: Terminal, around: ProgramEnvironment, starts: str = MAIN
     ) -> tuple[Controller, ProgramNetwork]:
-        """Return a controller that has just booted, and its program's ports."""
+        """Return a controller that has just booted, and the ports of its program."""
         network = program_network(self._profile)
         source = SpelSource(program, network, terminal, around, starts)
         return new_controller(self._model, self._profile, spel=source), network
@@ -104,9 +109,10 @@ def run(
     seconds: float | None,
     around: ProgramEnvironment,
 ) -> int:
-    """Run a program to its end or for a time, and return the exit code.
+    """Run a program to its end, or for at most `seconds`, and return the exit code.
 
-    `fast`: without ports, as fast as this machine allows. Raises OSError.
+    `fast`: run without ports, as fast as this machine allows. Raises OSError if a port cannot be
+    opened.
     """
     console = WaitingConsole() if fast else Console()
     controller, network = bench.controller(program, console, around)
@@ -116,14 +122,14 @@ def run(
 
 
 def _run_fast(controller: Controller, seconds: float) -> int:
-    """Advance the controller as fast as this machine allows."""
+    """Run the program as fast as this machine allows, and return the exit code."""
     while (code := _exit_code(controller)) is None and controller.clock.now < seconds:
         _pass_time(controller, seconds)
     return _ended(controller, code)
 
 
 def _pass_time(controller: Controller, until: float) -> bool:
-    """Advance to the next event, or `until`, s. Return whether an event is pending."""
+    """Advance to the next event, or to `until`, s. Return whether an event was pending."""
     due = controller.clock.next_due
     if controller.in_motion:
         due = controller.clock.now + CYCLE_PERIOD_S
@@ -159,7 +165,7 @@ async def _run(
 
 
 def _read_stdin(console: Console, servers: ControllerServers) -> None:
-    """Read typed lines in a thread, because a terminal offers no other method."""
+    """Read typed lines in a thread, because stdin cannot be read asynchronously."""
     loop = asyncio.get_running_loop()
 
     def typed(line: str) -> None:
@@ -177,9 +183,9 @@ def _read_stdin(console: Console, servers: ControllerServers) -> None:
 
 
 def _exit_code(controller: Controller) -> int | None:
-    """Return the exit code of a program that is over, or None while it runs.
+    """Return the exit code of a program that has ended, or None while it runs.
 
-    Tasks that an E-stop has ended can be restarted.
+    A program that an E-stop has aborted has not ended, because it can be started again.
     """
     condition = controller.condition
     if condition.fault is not Fault.NONE:
@@ -200,7 +206,7 @@ def _ended(controller: Controller, code: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """The result of a test. `error` is empty if it passed. `seconds` of the controller."""
+    """The result of a test. `error` is empty if it passed. `seconds`: its duration, s."""
 
     __test__ = False
 
@@ -210,13 +216,13 @@ class TestResult:
     printed: str
     seconds: float
     lines: dict[str, dict[int, bool]] = field(default_factory=dict)
-    """The lines with statements by file, and whether the test has run them."""
+    """File → line with statements → whether the test has executed it."""
 
 
 def run_tests(
     program: Program, bench: Bench, names: Callable[[str], bool], around: ProgramEnvironment
 ) -> Iterator[TestResult]:
-    """Run the tests with selected names, in the order of the files, and yield each result."""
+    """Run the tests for whose name `names` returns True, and yield each result."""
     for code in program.functions:
         if code.name.lower().startswith('test') and names(code.name):
             yield run_function(program, code, bench, around.fresh())
@@ -229,7 +235,7 @@ def run_function(
     around: ProgramEnvironment,
     longest: float = LONGEST_S,
 ) -> TestResult:
-    """Run a function instead of main until it is over, for at most `longest` s."""
+    """Run a function instead of main to its end, or for at most `longest` s."""
     if code.parameters:
         return TestResult(code.name, code.at, 'a test cannot have parameters', '', 0.0)
     terminal = KeptText()
@@ -252,7 +258,7 @@ def run_function(
 
 
 def covered(results: Iterable[TestResult]) -> dict[str, dict[int, bool]]:
-    """Return the lines with statements by file, and whether any test has run them."""
+    """Return file → line with statements → whether any test has executed it."""
     match: dict[str, dict[int, bool]] = {}
     for result in results:
         for file, lines in result.lines.items():

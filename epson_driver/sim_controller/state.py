@@ -43,7 +43,7 @@ NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
     Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
     Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
 }
-"""Reasons for refusing a point, in order of precedence. Points wait during a pause."""
+"""State of a region → why points are refused, in order of precedence. A pause refuses none."""
 
 _MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 
@@ -55,14 +55,14 @@ def motion_rejection(condition: Condition) -> Rejection | None:
 
 
 def joint_position(position: Array) -> JointPosition:
-    """Return the message for joints at `position`, shape (n,), rad."""
+    """Return the JOINT_POSITION for joint angles, shape (n,), rad."""
     return JointPosition(0, joint_data(position.tolist()))
 
 
 def joint_feedback(position: Array, velocity: Array, now: float | None) -> JointFeedback:
-    """Return the JOINT_FEEDBACK of positions and velocities.
+    """Return the JOINT_FEEDBACK for positions, shape (n,), rad, and velocities, rad/s.
 
-    position, velocity: shape (n,), rad, rad/s. now: the controller's time, s (None: omitted).
+    now: the controller's time, s. None: the message has no time.
     """
     fields = ValidFields.POSITION | ValidFields.VELOCITY
     return JointFeedback(
@@ -81,9 +81,9 @@ def status(
     in_motion: bool,
     accepts_points: bool,
 ) -> Status:
-    """Return the status of a controller that shows `error`.
+    """Return the STATUS of a controller that shows the error number `error`.
 
-    accepts_points: whether the controller accepts points in its condition.
+    accepts_points: whether the controller accepts points now.
     """
     none = error == ErrorNumber.NONE
     possible = condition.tasks is Tasks.RUNNING and none and accepts_points

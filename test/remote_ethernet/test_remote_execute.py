@@ -19,7 +19,7 @@ HOST = '127.0.0.1'
         (b'#GetStatus,1\r\n', ConnectionError, 'is not a reply to Login'),
         (b'!Login,what\r\n', ConnectionError, 'is not a reply to Login'),
         (b'', ConnectionError, 'closed by the controller before the reply to Login'),
-        (b'x' * 200_000, ConnectionError, 'has no end'),
+        (b'x' * 200_000, ConnectionError, 'is longer than 65536 bytes'),
         (b'!Login,13\r\n', RemoteError, r'the password is wrong \(error 13\)'),
         (b'!Login,77\r\n', RemoteError, r'unknown error number \(error 77\)'),
     ],

@@ -30,9 +30,9 @@ ON_IT = 1e-6
 """Largest distance from a leg, rad or m, at which the arm counts as on it."""
 
 UP, ACROSS = 0.2, 0.8
-"""Fractions of the low-power tool speed for overlapping legs.
+"""Fractions of the low-power tool speed for a move up or down, and for the move across.
 
-They add up to 1, the limit of a line.
+Two overlapping moves together reach at most the low-power tool speed.
 """
 
 CHECKS = 50
@@ -40,16 +40,16 @@ CHECKS = 50
 
 
 class Leg(Protocol):
-    """One leg of the path, from one joint position, shape (n,), rad, to another."""
+    """One leg of an arch, between two joint positions, shape (n,), rad."""
 
     begin: Array
     end: Array
     curve: Curve
 
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits and the tool speed of this leg.
+        """Return the joint limits, and the limits of the speed along this leg.
 
-        share: fraction of the low-power tool speed.
+        share: permitted fraction of the low-power tool speed.
         """
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
@@ -57,12 +57,12 @@ class Leg(Protocol):
 
 
 class Arch:
-    """Motion up, across and down, each starting before the previous one ends.
+    """Motion up, across and down. Each move starts before the previous one ends.
 
     The move across starts at the fraction `leave` of the move up and ends at the fraction `join`
-    of the move down. Joints that take part in both share their limits: the move up or down uses at
-    most half of them, the move across the rest. After a pause the remaining legs run one after the
-    other.
+    of the move down. If a joint takes part in two overlapping moves, the move up or down uses at
+    most half of its limits, and the move across the rest. After a pause the remaining legs run one
+    after the other.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Arch:
         self._across: Part | None = None
 
     def __call__(self, start: Array, low_power: bool) -> JointMoves:
-        """Return the motion from the current position."""
+        """Return the motion from rest at `start`, shape (n,), rad."""
         if np.array_equal(start, self._legs[0].begin):
             parts = self._overlapping(low_power)
         else:
@@ -82,7 +82,7 @@ class Arch:
         return JointMoves(start, parts)
 
     def across(self, time: float) -> float:
-        """Return the completed fraction of the move across at `time`, or -1 before it starts."""
+        """Return the completed fraction of the move across at `time`, or -1 before its start."""
         part = self._across
         if part is None or time >= part.end:
             return 1.0
@@ -146,7 +146,7 @@ class Arch:
 
 
 def on(leg: Leg, position: Array) -> bool:
-    """Return whether a position, shape (n,), rad, is on a leg."""
+    """Return whether a joint position, shape (n,), rad, is on a leg."""
     nearest, *_ = leg.curve.at(leg.curve.nearest(position))
     return np.allclose(nearest, position, rtol=0.0, atol=ON_IT)
 

@@ -18,9 +18,9 @@ Motion = LineMotion | CurveMotion | JointMoves
 """A motion from rest to rest."""
 
 PathMotion = Callable[[Array, bool], Motion]
-"""Function that returns the motion from rest at a position, shape (n,), rad, to a target.
+"""Function that returns the motion from rest at a position, shape (n,), rad, to a point.
 
-The second argument selects low power. The motion respects the arm's limits, and the function must
+The second argument selects low power. The motion must respect the arm's limits. The function must
 not raise.
 """
 
@@ -30,9 +30,9 @@ class Point:
     """An accepted point.
 
     `target` has shape (n,), rad, within the limits. `velocity` is a fraction (0, 1] of the joints'
-    speed, `duration` the time from the previous point, s. 0 means not specified. `cp` selects
-    whether the motion may blend into the next one (None: the executor's default). `path` replaces
-    the straight line in joint space, and such a motion never blends.
+    speed, `duration` the time from the previous point, s. In both, 0 means not specified. `cp`
+    selects whether the motion may blend into the next one (None: the executor's default). `path`
+    replaces the straight line in joint space. A motion with a `path` never blends.
     """
 
     sequence: int
@@ -44,7 +44,7 @@ class Point:
 
 
 class Executor(Protocol):
-    """An arm that executes points. Time advances with `step`."""
+    """The commanded motion of an arm through points. Time advances with `step`."""
 
     low_power: bool
     """Whether the next motion that starts from rest respects the low-power caps."""
@@ -88,12 +88,12 @@ class Executor(Protocol):
         """Whether the last accepted point may be acknowledged."""
 
     def take(self, point: Point) -> None:
-        """Accept a point, to be executed after the earlier ones. Needs room."""
+        """Accept a point, to be executed after the earlier ones. Requires `has_room`."""
 
     def stop(self) -> bool:
-        """Discard all points and brake. Return whether acknowledged points are discarded.
+        """Discard all points, brake, and end a hold.
 
-        It also ends a hold.
+        Return whether any of the discarded points had been acknowledged.
         """
 
     def hold(self) -> None:
@@ -109,8 +109,8 @@ class Executor(Protocol):
         """
 
     def step(self, dt: float) -> float | None:
-        """Advance by `dt` ≥ 0 s, until a point is done or the arm is at rest.
+        """Advance by `dt` ≥ 0 s, or less if a point is done or the arm comes to rest earlier.
 
-        Return the time left, s, for which the program supplies the next point and steps again.
-        Return None if all of `dt` has elapsed.
+        Return the remaining time, s, for which the program supplies the next point and steps
+        again. Return None if all of `dt` has elapsed.
         """

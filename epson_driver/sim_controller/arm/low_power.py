@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion under SPEL+'s Power Low, slow enough for a person to step back.
 
-The tool speed is bounded without kinematics. A joint moves the tool by at most its velocity times
-its reach, the largest distance of the tool from its axis (1 for a prismatic joint). The sum over
-the joints is an upper bound of the tool speed.
+The tool speed is bounded without kinematics. The reach of a joint is the largest distance of the
+tool from its axis (1 for a prismatic joint). A joint moves the tool at most at its velocity times
+its reach, so the sum over all joints is an upper bound of the tool speed.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 
 LOW_POWER = 0.05
-"""Fraction of Speed and Accel that Power Low allows."""
+"""Maximum Speed and Accel at Power Low, as a fraction."""
 
 LOW_POWER_TOOL_SPEED = 0.25
 """Maximum tool speed at Power Low, m/s."""
@@ -23,10 +23,11 @@ LOW_POWER_TOOL_SPEED = 0.25
 
 @dataclass(frozen=True, eq=False)
 class LowPower:
-    """The caps of Power Low.
+    """The speed and acceleration caps of Power Low.
 
-    fraction: of the robot's limits, (0, 1]. tool_speed: m/s. reach: shape (n,), m per joint, 1 for
-    a prismatic joint. Raises ValueError for other values.
+    fraction: maximum fraction (0, 1] of the robot's limits. tool_speed: maximum tool speed, m/s.
+    reach: reach of each joint, shape (n,), m (1 for a prismatic joint). Raises ValueError if a
+    value is out of range.
     """
 
     fraction: float
@@ -64,10 +65,10 @@ class LowPower:
         )
 
     def speed(self, limits: JointLimits, direction: Array) -> float:
-        """Return the largest Speed of a line, as a fraction (0, 1] of the limits.
+        """Return the maximum Speed of a straight move in joint space, a fraction (0, 1].
 
-        `direction`, shape (n,), is the displacement of each joint, with any length except 0.
-        Raises ValueError like `limits`.
+        `direction`, shape (n,), is the displacement of each joint, scaled by any factor.
+        Raises ValueError if the number of joints differs.
         """
         self._check(limits)
         distances = np.abs(direction)
@@ -86,6 +87,6 @@ class LowPower:
 def low_power_caps(reach: Array, share: float = 1.0) -> LowPower:
     """Return the caps of a robot with these joint reaches, shape (n,), m.
 
-    share: fraction of the tool speed.
+    share: permitted fraction of the low-power tool speed.
     """
     return LowPower(LOW_POWER, share * LOW_POWER_TOOL_SPEED, reach)

@@ -48,7 +48,7 @@ class PlannerError(RuntimeError):
 class PlannerProcess:
     """Planner in a child process, used from the event loop.
 
-    `limits` are the initial limits. The process uses the most recent ones that it received.
+    The process plans within `limits` until a request has other ones.
     """
 
     def __init__(self, limits: JointLimits) -> None:
@@ -85,7 +85,10 @@ class PlannerProcess:
                 await child.end()
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Request a plan, see `streaming.Planner`. Raises RuntimeError if a request is pending."""
+        """Request a plan, see `streaming.Planner`.
+
+        Raises RuntimeError if a request is pending or the process is not ready.
+        """
         if self._answer is not None:
             raise RuntimeError('the planner already has a request')
         if self._child is None:
@@ -104,7 +107,8 @@ class PlannerProcess:
     ) -> None:
         """Deliver plans. When the process ends, call `failed` with the reason and restart it.
 
-        Both happen within `present()`, so that the receiver of a plan sees the current time.
+        Plans and failures are reported within `present()`, which first advances the controller to
+        the current time.
         """
         while True:
             if self._child is None:
@@ -174,8 +178,7 @@ class _Child:
     async def receive(self) -> Any:
         """Return the next answer.
 
-        Raises PlannerError with the exit reason of the process, or if the received bytes are
-        invalid.
+        Raises PlannerError if the process has exited or has sent invalid bytes.
         """
         try:
             return await next_value(self._answers, PASSED_TYPES)

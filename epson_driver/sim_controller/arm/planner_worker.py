@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planning process: reads requests from stdin and writes plans to stdout until stdin closes.
 
-The joint limits come first. The process answers them with None once it is ready. Each request then
-comes with new limits, or with None for the previous ones.
+The first message contains the joint limits. The process answers it with None once it is ready.
+Every further message contains a request, and new limits or None if they have not changed.
 """
 
 import gc

@@ -3,17 +3,17 @@
 """Point-to-point motion like SPEL+'s `Go`: straight lines in joint space from rest to rest.
 
 An accepted point is a `Go` statement. The rules:
-* A statement needs `statement_overhead` s from its acceptance to the start of its motion. This
-  time is hidden while the previous statement is still executing.
-* Without `cp` a statement is executed until the arm is at rest. With it (`Go … CP`) it is executed
-  until its deceleration starts. If the next statement is known by then, the two motions overlap as
+* The motion of a statement starts at least `statement_overhead` s after its acceptance. The arm
+  does not wait for this time if the previous statement is executing long enough.
+* Without `cp` a statement is executed once the arm is at rest. With it (`Go … CP`) it is executed
+  once its deceleration starts. If the next statement is known by then, the two motions overlap as
   far as no limit is exceeded. Otherwise the arm comes to rest first. With `late_blend` they also
-  overlap if the next statement arrives during the deceleration, as it does from a program that
-  continues at that moment.
+  overlap if the next statement arrives during the deceleration, as from a program that continues
+  when the deceleration starts.
 * A statement with a `path` follows it from rest to rest and never overlaps.
-* Points are acknowledged when they are executed ('done', and only then is the next one accepted)
-  or when they are accepted ('taken', with up to `look_ahead_points` accepted ahead of the
-  executing one).
+* With `acknowledge='done'` a point is acknowledged when it is executed, and only then is the next
+  one accepted. With 'taken' it is acknowledged when it is accepted, and up to `look_ahead_points`
+  are accepted ahead of the executing one.
 """
 
 from collections import deque
@@ -35,12 +35,13 @@ Stop = Motion | JointStop
 
 @dataclass(slots=True, eq=False)
 class Statement:
-    """A `Go` statement: its target, fractions of the limits, and earliest start, s.
+    """A `Go` statement.
 
-    duration: its minimum duration, s (0: unspecified). executed: whether the program continues
-    after it, though the arm may still decelerate. begun: whether its motion has started. cp:
-    whether it counts as executed as soon as the arm decelerates. path: the path, unless it is
-    straight.
+    target: joint positions, shape (n,), rad. speed, accel: fractions of the limits. ready: its
+    earliest start, s. duration: its minimum duration, s (0: unspecified). executed: whether the
+    program may continue, though the arm may still decelerate. begun: whether its motion has
+    started. cp: whether it is executed as soon as the arm decelerates. path: the path, unless it
+    is straight.
     """
 
     target: Array
@@ -56,9 +57,10 @@ class Statement:
 
 @dataclass(slots=True, eq=False)
 class Segment:
-    """The motion of a statement since `begin`, s, with its speed and power.
+    """The motion of a statement, which starts at `begin`, s.
 
-    decelerates: whether its deceleration has started, and the next statement with it.
+    speed: fraction of the limits. decelerates: whether the deceleration of a statement with `cp`
+    has started, so the next motion may start.
     """
 
     statement: Statement
@@ -70,18 +72,18 @@ class Segment:
 
     @property
     def braking(self) -> float:
-        """Time at which its deceleration starts, s."""
+        """Time at which the deceleration starts, s."""
         return self.begin + self.motion.braking
 
     @property
     def end(self) -> float:
-        """Time at which it ends, s."""
+        """Time at which the motion ends, s."""
         return self.begin + self.motion.duration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brake:
-    """A stop that began at the time `begin`, s."""
+    """A stop, which starts at `begin`, s."""
 
     motion: Stop
     begin: float
@@ -93,21 +95,25 @@ class Brake:
 
 
 OVERLAP_SHARE = 0.5
-"""Fraction of the acceleration that each move has with CP, so that two of them may overlap."""
+"""Maximum fraction of the acceleration for a move with CP, so that two moves may overlap."""
 
 
 OVERLAP_ATTEMPTS = 4
-"""Maximum attempts to start a timed overlapping move: each one is slower and may start later."""
+"""Maximum attempts to find the start of a timed overlapping move.
+
+Each attempt extends the move by the overlap found before, which can change the possible overlap.
+"""
 
 
 class PointToPoint:
     """An arm that moves from point to point within its limits.
 
     `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
-    Speed, Accel). The velocity of a point can only make its move slower. The same holds for its
-    duration if `timed` is set. With `cp`, moves overlap, and each has at most half of the
-    acceleration. `caps` are the low-power caps (None: low power has no effect). Raises ValueError
-    unless `start` consists of n finite angles within the limits, and for other fractions.
+    Speed, Accel). The velocity of a point can only make its move slower. Its duration does the
+    same if `timed` is set, and otherwise has no effect. With `cp`, moves overlap, and each uses at
+    most half of the acceleration. `caps` are the low-power caps (None: low power has no effect).
+    The module's rules explain the other arguments. Raises ValueError if `start` is not within the
+    limits, or a fraction is out of range.
     """
 
     def __init__(
@@ -188,17 +194,17 @@ class PointToPoint:
 
     @property
     def due_in(self) -> float:
-        """Time until a motion starts, is executed or ends, s, or inf."""
+        """Time until the next motion starts, is executed or ends, s, or inf if none is pending."""
         return self._due() - self._now
 
     @property
     def elapsed(self) -> float:
-        """Elapsed time of the current motion, s, or 0."""
+        """Elapsed time of the current motion, s, or 0 without one."""
         return self._now - self._segments[0].begin if self._segments else 0.0
 
     @property
     def destination(self) -> Array:
-        """Rest position after all known statements, shape (n,), rad."""
+        """Rest position after all accepted statements, shape (n,), rad."""
         if self._queue:
             return self._queue[-1].target.copy()
         if self._brake is not None:
@@ -224,8 +230,8 @@ class PointToPoint:
     def take(self, point: Point) -> None:
         """Accept a point, to be executed after the earlier ones.
 
-        A point at the current position causes no motion. Raises ValueError like `motion.go`, and
-        RuntimeError without room for a point.
+        A point at the current position causes no motion. Raises ValueError if the target or the
+        velocity is out of range, RuntimeError unless `has_room`.
         """
         if not self.has_room:
             raise RuntimeError('no room for a point')
@@ -251,7 +257,7 @@ class PointToPoint:
     def stop(self) -> bool:
         """Discard all points, brake as fast as the limits allow, and end a hold.
 
-        Return whether acknowledged points are discarded.
+        Return whether any of the discarded points had been acknowledged.
         """
         lost = [self._early or statement.executed for statement in self._statements()]
         self._queue.clear()
@@ -263,7 +269,7 @@ class PointToPoint:
     def hold(self) -> None:
         """Brake on the path and stay there, keeping the points. Calling it twice is allowed.
 
-        Between two lines no path exists, so each joint brakes independently.
+        During an overlap of two moves no common path exists, so each joint brakes independently.
         """
         if not self._held:
             self._held = True
@@ -277,7 +283,8 @@ class PointToPoint:
     def settle(self, position: Array) -> None:
         """Set the position, shape (n,), rad, within the limits.
 
-        Raises RuntimeError if the arm moves or has points, ValueError for another position.
+        Raises RuntimeError if the arm moves or has points, ValueError if the position is not
+        within the limits.
         """
         if self.moving:
             raise RuntimeError('the arm is moving or has pending points')
@@ -285,9 +292,9 @@ class PointToPoint:
         self._rest = position.copy()
 
     def step(self, dt: float) -> float | None:
-        """Advance by `dt` ≥ 0 s, until a point is executed or the arm is at rest.
+        """Advance by `dt` ≥ 0 s, or less if a point is executed or the arm comes to rest earlier.
 
-        Return the time left, s, or None if neither happened within `dt`.
+        Return the remaining time, s, or None if neither happened within `dt`.
         """
         if not self.moving:
             return dt
@@ -367,9 +374,10 @@ class PointToPoint:
         statement.begun = True
 
     def _segment(self, statement: Statement, start: Array, overlap: float = 0.0) -> Segment:
-        """Return the move of a statement that starts now.
+        """Return the move of a statement that starts now from rest at `start`, shape (n,), rad.
 
-        It ends the statement's duration after the previous move, which it overlaps by `overlap` s.
+        A statement with a duration takes at least this duration plus `overlap`, s, the time for
+        which it overlaps the previous move.
         """
         if statement.path is not None:
             along = statement.path(start, self.low_power)
@@ -387,7 +395,7 @@ class PointToPoint:
         return Segment(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
-        """Start the next move during the deceleration of the last segment, which starts now."""
+        """Add the next move so that it starts during the deceleration of the last segment."""
         last = self._segments[-1]
         self._skip(last.motion.end)
         if not self._queue or self.low_power is not last.low_power:
@@ -413,7 +421,7 @@ class PointToPoint:
     def _overlap_begin(self, last: Segment, segment: Segment, earliest: float) -> float:
         """Return the earliest permitted start of a segment, s, not before `earliest`."""
         caps = self._caps if self.low_power else None
-        # Statements with a path never overlap, so both are lines.
+        # Statements with a path never overlap, so both motions are straight.
         assert isinstance(last.motion, LineMotion)  # noqa: S101
         assert isinstance(segment.motion, LineMotion)  # noqa: S101
         return last.begin + blend_start(
@@ -427,7 +435,7 @@ class PointToPoint:
         )
 
     def _begin_brake(self) -> None:
-        """Replace the current motions by a stop."""
+        """Replace the current motions with a stop."""
         if not self._segments:
             return
         started = [

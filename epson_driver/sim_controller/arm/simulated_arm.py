@@ -12,24 +12,22 @@ from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
 
 SETTLE_JERK = 10.0
-"""Jerk within one step, rad/s³, below which a joint is set to its command."""
+"""Maximum jerk, rad/s³, of the last step in which a joint is set to its command."""
 
 SETTLE_DISTANCE = 1e-12
-"""Distance, rad, at which a joint is set to its command whatever the step."""
+"""Distance from the command, rad, below which a joint is set to it regardless of the jerk."""
 
 MIN_STEP_S = 1e-9
-"""Shortest step, s.
-
-A shorter one is ignored, and its change of command counts in the next step.
-"""
+"""Shortest step, s. The servos defer the motion of a shorter step to the next one."""
 
 
 class Servo:
     """The servos of n joints, initially at rest at `start`, shape (n,), rad.
 
-    `lag` ≥ 0 is the delay of the joints behind the command, s (0: none). `encoder` rounds the
-    reported positions to whole pulses, with `pulses`, shape (n,), per rad (or m), NaN where
-    unknown. Raises ValueError for other numbers.
+    `lag` ≥ 0 is the time constant with which the joints follow the command, s (0: no lag). With
+    `encoder` the reported positions are rounded to whole pulses. `pulses`, shape (n,), is the
+    number of pulses per rad or m, NaN if unknown. Raises ValueError if `lag` is invalid or the
+    shapes do not match.
 
     Each joint follows with a first-order lag, solved exactly for a command that is linear between
     steps. Its motion is a weighted mean of earlier commands. So it never exceeds the command's
@@ -72,12 +70,12 @@ class Servo:
 
     @property
     def settled(self) -> bool:
-        """Whether the command is constant and all joints are at rest exactly at this position."""
+        """Whether the command is constant, and all joints are at rest exactly at the command."""
         return self._settled
 
     @property
     def actual(self) -> Array:
-        """The true joint positions, shape (n,), rad, independent of the encoders."""
+        """The true joint positions, shape (n,), rad, which frozen encoders do not report."""
         return self._actual
 
     def step(self, commanded: Array, dt: float) -> None:
@@ -95,7 +93,7 @@ class Servo:
             self._velocity = speed
             self._arrive(unchanged)
             return
-        # Behind a command of constant speed a joint lags by `behind`. The rest decays.
+        # At constant speed a joint lags by `behind`. The difference from this lag decays.
         behind = self._lag * speed
         lag = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
         self._actual = commanded - lag
@@ -116,9 +114,9 @@ class Servo:
             self._frozen.setdefault(joint, float(self.position[joint]))
 
     def jump(self, position: Array) -> None:
-        """Move the joints, shape (n,), rad, as after a push or while the controller was off.
+        """Move the joints to a position, shape (n,), rad, as by a push.
 
-        They return to the command with the next step.
+        With the next steps they return to the command.
         """
         self._actual = position.copy()
         self._velocity = self._rest
@@ -126,7 +124,7 @@ class Servo:
         self._pushed = True
 
     def place(self, position: Array) -> None:
-        """Set the position of joints without power, shape (n,), rad."""
+        """Set the positions of the joints, shape (n,), rad, while they have no power."""
         self._command = position.copy()
         self._arrive(settled=True)
         self._velocity = self._rest
@@ -134,9 +132,9 @@ class Servo:
 
 
 class Recovery:
-    """A slow move in joint space from the current position to where the motion resumes.
+    """A slow move in joint space from `start` to `target`, where an interrupted motion resumes.
 
-    `start` and `target` have shape (n,), rad. `caps` are the low-power caps.
+    Both have shape (n,), rad. `caps` are the low-power caps.
     """
 
     def __init__(self, limits: JointLimits, start: Array, target: Array, caps: LowPower) -> None:
@@ -152,7 +150,7 @@ class Recovery:
 
     @property
     def still(self) -> bool:
-        """Whether the recovery has ended: complete, or stopped."""
+        """Whether the recovery has ended, complete or stopped."""
         return self._time >= self._motion.duration
 
     def stop(self) -> None:
@@ -170,9 +168,9 @@ class Recovery:
 class SimulatedArm:
     """An arm that executes points, with its servos.
 
-    `executor` commands the joints, and the servos follow. After an open door has interrupted a
-    motion, the arm returns within `caps` to the point of interruption while the executor waits.
-    `switch_executor` lets another executor command the joints temporarily.
+    `executor` commands the joints, and the servos follow. After the door has interrupted a motion,
+    the arm returns within the low-power `caps` to the point of interruption, while the executor
+    waits. `switch_executor` gives another executor temporary control.
     """
 
     def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
@@ -203,10 +201,9 @@ class SimulatedArm:
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
         """Advance by `dt` ≥ 0 s.
 
-        The recovery gets the time while the arm returns after an open door. At all other times
-        `execute`, the program's `step`, gets it instead of the executor, because only the program
-        knows the next point when one is done within `dt`. Finally the servos follow the resulting
-        command.
+        A recovery advances alone. Otherwise `execute`, the program's `step`, is called with `dt`.
+        It steps the executor and supplies the next point if one is done within `dt`. Finally the
+        servos follow the resulting command.
         """
         if self._recovery is not None:
             if not self.executor.moving:  # its points were discarded, so no return is needed
@@ -217,7 +214,7 @@ class SimulatedArm:
         self.servo.step(self.commanded, dt)
 
     def switch_executor(self, executor: Executor) -> None:
-        """Switch to another executor until it is at rest. The arm must be at rest now."""
+        """Switch to another executor until `rest` finds it idle. The arm must be at rest now."""
         if self.executor is not executor:
             executor.settle(self.commanded)
             self._hand_over(executor)
@@ -233,20 +230,17 @@ class SimulatedArm:
         self.brake_recovery()
 
     def brake_recovery(self) -> None:
-        """Brake, if the arm is recovering."""
+        """Brake if the arm is returning after an open door."""
         if self._recovery is not None and not self._recovery.still:
             self._recovery.stop()
 
     def go_back(self) -> None:
-        """Start the slow return to where the motion resumes.
-
-        An arm that is already there resumes.
-        """
-        way = (self.commanded, self.executor.position)
-        self._recovery = Recovery(self.executor.limits, *way, self._caps)
+        """Start the slow return to the position at which the motion resumes."""
+        start, target = self.commanded, self.executor.position
+        self._recovery = Recovery(self.executor.limits, start, target, self._caps)
 
     def went_back(self) -> None:
-        """End the recovery of an arm at rest, complete or not."""
+        """End the recovery, complete or not, of an arm at rest."""
         rest = self.commanded
         self._recovery = self._pushed = None
         if not self.executor.moving and not np.array_equal(rest, self.executor.position):
@@ -255,7 +249,8 @@ class SimulatedArm:
     def push(self, angles: Array, powered: bool) -> None:
         """Push the joints to a position, shape (n,), rad, within the limits.
 
-        With power the servos push back. Without power the arm stays there, and it must be at rest.
+        With power the servos push back. Without power the arm must be at rest, and stays where it
+        was pushed.
         """
         if powered:
             self.servo.jump(angles)
@@ -265,7 +260,10 @@ class SimulatedArm:
         self.servo.place(angles)
 
     def rest(self) -> None:
-        """Set the executor to the current position, if the arm is at rest without points."""
+        """Return control to the program's executor if the arm is at rest without points.
+
+        The executor then starts from the current position, which a push may have changed.
+        """
         if not self.in_motion and not self.executor.moving:
             self.went_back()
             if self.executor is not self.own:

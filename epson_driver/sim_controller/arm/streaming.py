@@ -3,9 +3,9 @@
 """Smooth motion through points that are known in advance, without a stop.
 
 Planning takes longer than a motion cycle. A plan is therefore requested ahead of time, and starts
-one planning latency after its request. The latency follows the times of recent plans, so that few
-plans are late. A late plan is not used. The previous plan continues instead, so the arm never
-waits for the planner.
+one planning latency after its request. The latency adapts to the planning times of recent plans,
+so few plans are late. A late plan is not used. The previous plan continues instead, so the arm
+never waits for the planner.
 """
 
 from collections import deque
@@ -23,12 +23,12 @@ from epson_driver.sim_controller.arm.executor import Point
 
 @dataclass(slots=True)
 class DeadlineCounters:
-    """Counts since the start.
+    """Counts of timing and planning failures since the start.
 
-    deadline_misses: motion cycles that were late by a whole period. late_plans: plans of smooth
-    motion that arrived after their start time, so the previous plan continued. planner_failures:
-    times the planner died or found no path. violations: times that smooth motion deviated from its
-    plan and was braked before it exceeded a limit.
+    deadline_misses: motion cycles that were late by a whole period. late_plans: plans that arrived
+    after their start time, so the previous plan continued. planner_failures: ends of the planner
+    process, motions without a plan, and violations. violations: times that the arm braked because
+    its smooth motion would have exceeded a limit.
     """
 
     deadline_misses: int = 0
@@ -37,7 +37,7 @@ class DeadlineCounters:
     violations: int = 0
 
     def since(self, before: 'DeadlineCounters') -> str:
-        """Return a sentence about the counts since `before`, or ''."""
+        """Return a text with the counts that have increased since `before`, or ''."""
         counts = (
             (self.deadline_misses - before.deadline_misses, 'late motion cycle(s)'),
             (self.late_plans - before.late_plans, 'plan(s) too late and not used'),
@@ -56,16 +56,13 @@ INITIAL_LATENCY_S = 0.04
 MIN_LATENCY_S = 0.01
 MAX_LATENCY_S = 0.15
 PERCENTILE, MARGIN_FACTOR = 90.0, 1.3
-"""The latency is this percentile of recent planning times, multiplied by this factor.
-
-A plan that takes longer is late. The previous plan then continues, and nothing else is lost.
-"""
+"""The planning latency is this percentile of recent planning times, multiplied by this factor."""
 
 LATE_FACTOR = 1.5
-"""Minimum latency after a late plan, as a multiple of the previous latency."""
+"""Factor by which a late plan increases the latency at least."""
 
 MAX_RECENT_PLANS = 32
-"""Number of planning times kept. In motion a plan takes place about every 30 ms."""
+"""Number of planning times that determine the latency. In motion there are about 30 per second."""
 
 
 class PlanningLatency:
@@ -76,7 +73,7 @@ class PlanningLatency:
         self._recent = deque([INITIAL_LATENCY_S / MARGIN_FACTOR], MAX_RECENT_PLANS)
 
     def took(self, seconds: float, late: bool = False) -> None:
-        """Adapt to a planning time, s. `late` marks a plan that arrived too late to be used."""
+        """Adapt to a planning time, s. `late`: the plan arrived too late to be used."""
         self._recent.append(seconds)
         wanted = MARGIN_FACTOR * float(np.percentile(self._recent, PERCENTILE))
         if late:
@@ -94,7 +91,7 @@ class Planner(Protocol):
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
         """Request a plan within limits, computed immediately or in another process.
 
-        `answer` is called exactly once.
+        `answer` is called exactly once with the plan, or with None if there is none.
         """
 
 
@@ -104,18 +101,19 @@ class Streaming:
     Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
     are known ahead of the arm, and none during a hold or while it brakes.
 
-    `uses` selects the fields of a point. The duration is respected within the limits. Without one,
-    the velocity is a fraction of the joints' speed in (0, 1). Without either, the arm is as fast
-    as the limits allow. If neither field is used, each move has the duration that it needs at the
-    fraction `speed`. Otherwise `speed` has no effect. `accel` never has an effect, because SPEL+'s
-    Speed and Accel belong to point-to-point motion.
+    `uses` selects the fields of a point that determine the time of its move. A duration is
+    respected within the limits. Without a duration, a velocity in (0, 1) is the fraction of the
+    joints' speed. Without either, the arm is as fast as the limits allow. If `uses` selects
+    neither field, each move is executed at the fraction `speed` of the joints' speed. Otherwise
+    `speed` has no effect. `accel` never has one, because SPEL+'s Accel is for point-to-point
+    motion.
 
     `low_power_limits` replace `limits` in every motion that starts from rest while `low_power` is
-    set. Their position limits must be the same. None: low power has the same limits.
+    set. They must have the same position limits. None: low power has the same limits.
 
-    `failed` gets the reason when repeatedly no plan is found at rest, and when the smoother
-    prevents the violation of a limit. Raises ValueError unless `start` consists of n finite angles
-    within the limits, and for other values of `uses`.
+    `timing` counts late plans and violations. `failed` is called with the reason if MAX_ATTEMPTS
+    plans from rest fail, or if the smoother brakes to prevent the violation of a limit. Raises
+    ValueError if `start`, shape (n,), rad, is not within the limits, or if `uses` is invalid.
     """
 
     def __init__(
@@ -152,7 +150,7 @@ class Streaming:
         self._now = 0.0
         self._held = False
         self._braking = False
-        # The planner's pending request, its start time, and whether it has been discarded.
+        # The planner's pending request, its time, and whether its plan must not be used.
         self._request: Request | None = None
         self._asked_at = 0.0
         self._forgotten = False
@@ -200,7 +198,7 @@ class Streaming:
 
     @property
     def has_room(self) -> bool:
-        """Whether the points ahead are few enough, and the arm is neither paused nor braking."""
+        """Whether the arm accepts another point now."""
         if self._held or self._braking:
             return False
         return (
@@ -210,13 +208,13 @@ class Streaming:
 
     @property
     def done(self) -> bool:
-        """Whether the last accepted point may be acknowledged, which is always the case."""
+        """Always True: points are acknowledged when they are accepted."""
         return True
 
     def take(self, point: Point) -> None:
         """Accept a point. A sequence of 0 starts a new trajectory from rest.
 
-        Raises ValueError like `Smoother.append`.
+        Raises ValueError if the target is not within the limits.
         """
         self._keep_to_power()
         if point.sequence == 0:
@@ -226,10 +224,9 @@ class Streaming:
         self._taken += 1
 
     def stop(self) -> bool:
-        """Discard all points and come to rest, on the path if that can be verified.
+        """Discard all points, brake on the path if that can be verified, and end a hold.
 
-        It also ends a hold. Return whether the arm was short of the last point and points may have
-        been acknowledged.
+        Return whether acknowledged points are lost: the arm had not reached the last one.
         """
         lost = self.moving and not self._braking
         self._taken = self.begun
@@ -243,7 +240,7 @@ class Streaming:
     def hold(self) -> None:
         """Brake on the path and stay there, keeping the points and accepting none.
 
-        An arm that brakes already continues to do so.
+        An arm that is already braking continues to brake.
         """
         if not self._held:
             self._held = True
@@ -251,14 +248,15 @@ class Streaming:
             self._forget_request()
 
     def resume(self) -> None:
-        """Resume after `hold`, towards the same points. The lost time is not made up for."""
+        """Resume after `hold`, towards the same points. The motion ends later by the pause."""
         self._held = False
         self._smoother.resume()
 
     def settle(self, position: Array) -> None:
         """Set the position, shape (n,), rad, after the arm was moved without power.
 
-        Raises RuntimeError while it moves or has points, ValueError like the constructor.
+        Raises RuntimeError if the arm moves or has points, ValueError if the position is not
+        within the limits.
         """
         if self.moving:
             raise RuntimeError(
@@ -286,7 +284,7 @@ class Streaming:
                 self._planner.ask(request, self._smoother.limits, self._answered)
 
     def _on_limit_violation(self) -> None:
-        """Report that the smoother brakes instead of exceeding a limit. Its points are lost."""
+        """Discard the points and report the failure after the smoother has started to brake."""
         self._timing.violations += 1
         self._forget_request()
         self._braking = self._smoother.moving
@@ -294,7 +292,7 @@ class Streaming:
         self._failed(f'the arm brakes: {self._smoother.violation}')
 
     def _keep_to_power(self) -> None:
-        """Apply the limits of low or high power, at rest only."""
+        """Apply the limits of low or high power if the arm is at rest."""
         limits = self._power_limits[self.low_power]
         if limits is not self._smoother.limits and self._smoother.at_rest:
             self._smoother.change_limits(limits)

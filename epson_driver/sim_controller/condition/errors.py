@@ -15,9 +15,10 @@ _log = logging.getLogger(__name__)
 
 
 class ErrorNumber(IntEnum):
-    """SPEL+ error numbers, among them 8000, the thesis' first user error.
+    """SPEL+ error numbers. Those from 8000 are defined by the program on the controller.
 
-    8001 is specific to this simulation. 8004 is the number that controller_program uses.
+    8000 is from the thesis, and controller_program also uses 8004. 8001 exists only in this
+    simulation.
     """
 
     NONE = 0
@@ -41,14 +42,14 @@ TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Why a message is refused: the error number, and a sentence for the log."""
+    """The reason for refusing a message: an error number, and a sentence for the log."""
 
     number: int
     sentence: str
 
-    def about(self, what: str) -> 'Rejection':
-        """Return the rejection with a subject before its sentence."""
-        return Rejection(self.number, f'{what}: {self.sentence}')
+    def about(self, subject: str) -> 'Rejection':
+        """Return the rejection with `subject` before its sentence."""
+        return Rejection(self.number, f'{subject}: {self.sentence}')
 
 
 def corrupt(sentence: str) -> Rejection:
@@ -68,14 +69,15 @@ class ErrorRegister:
         _log.warning('refused (%d): %s', rejection.number, rejection.sentence)
 
     def clear(self, only: int | None = None) -> None:
-        """Clear the error, or with `only`, clear it only if it has this number."""
+        """Clear the error. If a number `only` is specified, clear no other error."""
         if only in (None, self.number):
             self.number = ErrorNumber.NONE
 
 
 def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
-    """Return a rejection for the first angle of shape (n,), rad, outside its limits, or None."""
+    """Return why angles, shape (n,), rad, are outside the limits, or None. Names the first one."""
     low, high = limits.position_min, limits.position_max
+    # A limit that was rounded to float32 in transit is allowed.
     inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
         angles <= np.maximum(high, high.astype(np.float32))
     )

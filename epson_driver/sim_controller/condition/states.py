@@ -2,27 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's condition as tables: motors, E-stop, door, tasks, errors, mode, power.
 
-Each region of the condition has a separate table. `after` applies an event to all regions
-together, or to none. The rules (SPEL+ language reference; thesis chapter 3):
+Each of these regions has a separate table. `after` applies an event to all regions together, or to
+none. The rules (SPEL+ language reference; thesis chapter 3):
 
-* The controller boots with the motors off, at low power. Only motors on, or continue after a door
-  that interrupted a motion, switches the motors on. Both come from a person or through the remote
-  port.
-* Motors off, a lost motion client, or the key switch to MANUAL, while the motors are on: the arm
-  brakes along its path, and the motors switch off at standstill.
+* The controller boots with the motors off, at low power. The motors are switched on only by motors
+  on, and by continue after the door has interrupted a motion. An operator or a client of the
+  remote port requests both.
+* After motors off, the loss of the motion client, or the key switch to MANUAL, the arm brakes
+  along its path, and the motors switch off at standstill.
 * The E-stop works in every condition. It cuts the motor power and aborts the Normal tasks.
   Recovery takes three steps in this order: release the button, reset, motors on.
-* The safeguard door interrupts: the arm brakes, the motors switch off, the Normal tasks pause. To
-  recover, close the door and continue. The arm returns slowly to where it was interrupted, then
-  resumes.
+* If the safeguard door is opened, the arm brakes, the motors switch off, and the Normal tasks
+  pause. To recover, close the door and continue. The arm returns slowly to the position at which
+  it was interrupted, then resumes.
 * Pause brakes the arm on its path and pauses the Normal tasks. Continue resumes them.
 * Stop ends the Normal tasks and their motion. Start runs them again.
-* An error cuts the motor power and aborts the Normal tasks until a reset, a critical error until
-  the controller is rebooted.
+* An error cuts the motor power and aborts the Normal tasks. It lasts until a reset, or if it is
+  critical, until the controller is rebooted.
 * Power is low after boot, motors on, reset and stop, while the motors are off and while the door
-  is open. The motion program raises it for its trajectories if its profile says so, unless a
-  person has selected low power.
-* A request for the current state is not an error.
+  is open. If the profile specifies it, the motion program selects high power for its trajectories,
+  unless an operator has selected low power.
+* An event that requests the current state is accepted and changes nothing.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ from typing import Any
 
 
 class Motors(Enum):
-    """The servo power. The values are used in sentences."""
+    """The servo power. The values are shown to users."""
 
     OFF = 'off'
     ON = 'on'
@@ -69,7 +69,7 @@ class Tasks(Enum):
 
 
 class Fault(Enum):
-    """Errors of the controller itself, unlike a refused point."""
+    """Errors of the controller itself. A refused point is not one."""
 
     NONE = 'none'
     ERROR = 'error'
@@ -92,7 +92,7 @@ class Power(Enum):
 
 
 class Event(Enum):
-    """The events of the controller. The values are used in sentences."""
+    """The events of the controller. The values are shown to users."""
 
     MOTORS_ON = 'motors on'
     MOTORS_OFF = 'motors off'
@@ -122,7 +122,7 @@ class Event(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """All regions of the controller's condition."""
+    """The condition of the controller: the state of each region."""
 
     motors: Motors = Motors.OFF
     estop: EStop = EStop.CLEAR
@@ -149,7 +149,7 @@ class Condition:
 
 
 class RejectedError(Exception):
-    """An event that the condition does not allow. The text gives the reason and the remedy."""
+    """The condition does not allow an event. The message gives the reason and the remedy."""
 
 
 _E = Event
@@ -205,7 +205,7 @@ DOOR: dict[tuple[Door, Event], Door] = {
 }
 
 ENDED = (Tasks.STOPPED, Tasks.ABORTED)
-"""States in which the Normal tasks do not run, so events that end them have no effect."""
+"""States in which the Normal tasks have ended. Events that end them then have no effect."""
 
 TASKS: dict[tuple[Tasks, Event], Tasks] = {
     (Tasks.RUNNING, _E.PAUSE): Tasks.PAUSED,
@@ -281,20 +281,20 @@ REGIONS: Tables = {
     'mode': MODE,
     'power': POWER,
 }
-"""Field of `Condition` → its table."""
+"""Region, a field of `Condition` → its table."""
 
 STARTED_BY_A_PERSON: Tables = {
     **REGIONS,
     'tasks': {**TASKS, (Tasks.ABORTED, _E.RESET): Tasks.STOPPED},
 }
-"""The tables for a SPEL+ program: a reset does not start it, like on a real controller."""
+"""The tables for a SPEL+ program. Unlike the built-in program, a reset does not start it."""
 
 NOTHING_LOADED: Tables = {
     **REGIONS,
     'motors': {**MOTORS, (Motors.ON, _E.DOOR_OPEN): Motors.BRAKING},
     'tasks': {},
 }
-"""The tables without a program: the door pauses no task, and none resumes."""
+"""The tables for a controller without a program, which has no tasks to pause or resume."""
 
 REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.MOTORS_ON, EStop.PRESSED): (
@@ -336,10 +336,7 @@ REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
     (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
 }
-"""Refused events by state of any region, with the message for the user.
-
-The first row that applies counts.
-"""
+"""(event, state of a region) in which the event is refused → message. The first match counts."""
 
 
 def after(condition: Condition, event: Event, tables: Tables = REGIONS) -> Condition:

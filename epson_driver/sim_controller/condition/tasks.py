@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The SPEL+ tasks of the controller's program, and their state in each condition.
+"""The SPEL+ tasks of the built-in program, and their state in each condition.
 
-Pause and door pause a Normal task, and an E-stop and errors abort it. None of them affects a
-NoEmgAbort task. (SPEL+ language reference, Xqt and TaskState.)
+A pause or an open door pauses a Normal task, and an E-stop or an error aborts it. None of these
+affects a NoEmgAbort task. (SPEL+ language reference, Xqt and TaskState.)
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ class TaskType(Enum):
 
 
 class TaskState(Enum):
-    """SPEL+ TaskState, with its numbers as values."""
+    """States of a task. The values are those of SPEL+'s TaskState function."""
 
     NOT_RUNNING = 0
     RUNNING = 1
@@ -56,7 +56,7 @@ TASK_STATES: dict[TaskType, dict[Tasks, TaskState]] = {
 
 
 class Task(NamedTuple):
-    """One task of the program: SPEL+ task number, name, type."""
+    """One task of the built-in program: SPEL+ task number, name and type."""
 
     number: int
     name: str
@@ -87,11 +87,11 @@ TASK_WORDS = {
     TaskState.QUICK_PAUSE: 'paused',
     TaskState.ABORTED: 'aborted (2261)',
 }
-"""TaskState in words."""
+"""State of a task → its text for display."""
 
 
 class TaskRow(NamedTuple):
-    """A task for display: its number, and its name, type and state in words."""
+    """A task as shown to users: number, name, type and state."""
 
     number: int
     name: str

@@ -18,10 +18,11 @@ _COMM_TYPE_OFFSET = 8
 
 @dataclass(slots=True)
 class OutgoingMessage:
-    """One message to the client: its remaining bytes, and how to send them.
+    """One message to the client, which disturbances modify, and the manner of sending it.
 
-    Empty `data`: the message is lost. It is delayed by `delay` s. If `gather` > 0, all messages of
-    the following `gather` s are sent in one piece.
+    If `data` is empty, the message is lost. It is delayed by `delay` s. If `gather` > 0, all
+    messages of the following `gather` s are sent in one piece. `one_byte`: each byte is sent
+    alone.
     """
 
     data: bytes
@@ -99,11 +100,11 @@ DISTURBANCES: dict[str, Disturbance] = {
     'late_reply': delay,
     'wrong_byte_order': wrong_byte_order,
 }
-"""Fault name → its effect on an affected message."""
+"""Fault name → function that applies the fault to a message."""
 
 
 def byte_order(message: bytes) -> ByteOrder | None:
-    """Return the byte order in which the length of a whole message is right, or None."""
+    """Return the byte order in which the length field of a message is right, or None."""
     if len(message) < _WORD_BYTES:
         return None
     for order in ByteOrder:
@@ -113,7 +114,7 @@ def byte_order(message: bytes) -> ByteOrder | None:
 
 
 def is_reply(message: bytes) -> bool:
-    """Return whether a whole message is a reply, according to its header."""
+    """Return whether a message is a reply, according to its header."""
     order = byte_order(message)
     if order is None or len(message) < _HEADER_BYTES:
         return False

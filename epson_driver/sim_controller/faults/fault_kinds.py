@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kinds of faults, as one table, and faults as text.
 
-A fault disturbs the controller's messages, cuts or silences its connections, or is a failure of
-the controller. No fault changes a byte from a client: a session receives the bytes that were sent,
-or nothing. So no fault can cause a motion.
+A fault disturbs messages of the controller, cuts or silences connections, or is a failure of the
+controller itself. No fault changes a byte from a client: a session receives the bytes that were
+sent, or nothing. So no fault can cause a motion.
 
-The text of a fault is a name, followed by any number of `key=value` after spaces, commas or a
-colon. One parser therefore reads the command line (`delay:seconds=0.2,port=state`), the pendant's
-input (`delay seconds=0.2`) and the remote port. The first parameter needs no name.
+The text of a fault is its name, followed by parameters `key=value`, separated by spaces, commas or
+a colon. One parser therefore reads the command line (`delay:seconds=0.2,port=state`), the
+pendant's input (`delay seconds=0.2`) and the remote port. The key of the first parameter may be
+omitted.
 """
 
 import re
@@ -19,25 +20,28 @@ from textwrap import wrap
 from epson_driver.simple_message import MAX_JOINTS
 
 DATA_PORTS = ('motion', 'state', 'io')
-"""The ports that carry messages. `all` of them is the default."""
+"""The ports that carry simple messages."""
 
 REMOTE_PORT = 'remote'
-"""The port through which users clear faults. It is disturbed only if named, and temporarily."""
+"""The port through which users clear faults. A fault affects it only if it names it and ends."""
 
 MAX_SECONDS = 3600.0  # s
 MAX_COUNT = 1_000_000
 
 Value = float | None
-"""A parameter's value. None: not specified, and the parameter's text describes the default."""
+"""Value of a parameter. None: not specified. The parameter's text then describes the effect."""
 
 
 class FaultError(ValueError):
-    """An invalid fault. The text names the fault, the parameter, its value and the limit."""
+    """The text of a fault is invalid. The message names the parameter, its value and the limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter: a number from `low` to `high`, `whole` or not, or one of the `choices`."""
+    """A parameter of a fault: a number from `low` to `high`, or an index of `choices`.
+
+    `text` describes it. `whole`: the number must be an integer.
+    """
 
     name: str
     text: str
@@ -67,7 +71,7 @@ class Parameter:
         return value
 
     def write(self, value: float) -> str:
-        """Return the text that `read` converts to the value."""
+        """Return the text of a value, the inverse of `read`."""
         if self.choices:
             return self.choices[int(value)]
         return str(int(value)) if float(value).is_integer() else repr(value)
@@ -75,10 +79,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault. `ports` are the ports that it can affect.
+    """A kind of fault, described by `text`, and the ports that it can affect.
 
-    `replies` limits it to replies to requests. `boots`: it closes every connection, including the
-    requester's, and cannot be ended early.
+    `replies`: it affects only replies to requests. `boots`: it closes all connections, including
+    that of the requesting client, and cannot be ended early.
     """
 
     text: str
@@ -91,7 +95,7 @@ class Kind:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault with all its values and the ports it affects. Created by `parse`."""
+    """A fault with the values of all parameters, and the ports that it affects."""
 
     name: str
     values: Mapping[str, Value]
@@ -99,11 +103,11 @@ class Fault:
 
     @property
     def kind(self) -> Kind:
-        """Its row in `FAULTS`."""
+        """The kind of this fault."""
         return FAULTS[self.name]
 
     def number(self, name: str) -> float:
-        """Return a value, or 0 if the fault lacks it or it is not specified."""
+        """Return the value of a parameter, or 0 if it does not exist or is not specified."""
         return self.values.get(name) or 0.0
 
 
@@ -139,7 +143,7 @@ def _joint(text: str, default: int, low: int) -> Parameter:
 
 
 def _on_links(text: str, *parameters: Parameter) -> Kind:
-    """Return a fault of connections, which may be requested for the remote port too."""
+    """Return a kind of fault that affects connections, including those of the remote port."""
     return Kind(text, (*parameters, AFTER), (*DATA_PORTS, REMOTE_PORT), DATA_PORTS)
 
 
@@ -249,20 +253,20 @@ FAULTS: dict[str, Kind] = {
         boots=True,
     ),
 }
-"""Name → kind of fault. The name of each fault's first parameter may be omitted."""
+"""Name → kind of fault."""
 
 
 COLUMNS = 80
-"""Line width of a description."""
+"""Maximum line width of `describe`."""
 
 _MAX_QUOTED_CHARACTERS = 40
-"""Maximum characters of an invalid text that an error repeats."""
+"""Maximum number of characters of an invalid text that an error message quotes."""
 
 
 def parse(text: str) -> Fault:
-    """Return the fault that a text names, with defaults for missing parameters.
+    """Return the fault that a text specifies, with defaults for missing parameters.
 
-    Raises FaultError if the fault, a parameter or its value is not valid.
+    Raises FaultError if the fault is unknown or a parameter or value is invalid.
     """
     name, *parts = [part for part in re.split(r'[\s,:]+', text.lower()) if part] or ['']
     if name not in FAULTS:
@@ -276,7 +280,7 @@ def parse(text: str) -> Fault:
         elif not separator or not value:
             raise FaultError(f'{name}: {_quote(part)} must be key=value')
         if key in given:
-            raise FaultError(f'{name}: {key} is given twice')
+            raise FaultError(f'{name}: {key} is repeated')
         if key not in _keys(kind):
             raise FaultError(
                 f'{name}: {_quote(key)} is unknown: must be one of {", ".join(_keys(kind))}'
@@ -291,7 +295,11 @@ def parse(text: str) -> Fault:
 
 
 def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
-    """Return the fault on these ports. Raises FaultError if no client could clear it."""
+    """Return the fault for other ports.
+
+    Raises FaultError if it would disturb the remote port without an end, as no client could clear
+    it there.
+    """
     if REMOTE_PORT in ports and not fault.number('for'):
         raise FaultError(
             f'{fault.name}: port = remote needs for = … s > 0, because it cannot be cleared'
@@ -300,7 +308,7 @@ def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
 
 
 def write(fault: Fault) -> str:
-    """Return the text of a fault with its port, omitting parameters that are 0 or None."""
+    """Return the text of a fault. Parameters without an effect (0 or None) are omitted."""
     parts = [fault.name]
     for parameter in fault.kind.parameters:
         value = fault.values[parameter.name]
@@ -312,7 +320,7 @@ def write(fault: Fault) -> str:
 
 
 def describe(names: Iterable[str] = FAULTS) -> str:
-    """Return a description of faults by name, with their parameters."""
+    """Return a description of faults and their parameters for users."""
     lines = []
     for name in names:
         kind = FAULTS[name]
@@ -324,7 +332,7 @@ def describe(names: Iterable[str] = FAULTS) -> str:
 
 
 def parameter_texts(kind: Kind) -> dict[str, str]:
-    """Return each parameter's meaning, range and default."""
+    """Return parameter name → its description, range and default."""
     texts = {}
     for parameter in kind.parameters:
         default = 'none' if parameter.default is None else parameter.write(parameter.default)
@@ -351,7 +359,7 @@ def _value(name: str, parameter: Parameter, text: str | None) -> Value:
 
 
 def _ports(name: str, kind: Kind, text: str) -> tuple[str, ...]:
-    """Return the ports named, in the table's order. `all` excludes the remote port."""
+    """Return the ports in a text such as `motion+state`. `all` excludes the remote port."""
     if text == 'all':
         return tuple(port for port in kind.ports if port != REMOTE_PORT)
     named = text.split('+')

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults on demand: their activation, their start and end, and the affected messages.
+"""The active faults of a controller: their start and end, and the messages that they affect.
 
-Timing uses the controller's clock, and randomness uses a seed. Each connection has a separate
-random generator, seeded by the seed, the fault and the connection's number on its port.
+Faults are timed by the controller's clock. Random faults are reproducible: each connection has a
+separate random generator, seeded with the seed, the fault and the connection's number on its port.
 """
 
 import logging
@@ -28,7 +28,10 @@ MAX_ACTIVE_FAULTS = 16
 """Maximum number of simultaneous faults, including those that have not started."""
 
 ANSWER_TIME_S = 0.1
-"""Start delay of a fault of the remote port, s, so that the command is answered first."""
+"""Minimum start delay of a fault that affects the remote port, s.
+
+The command that starts the fault is answered first.
+"""
 
 __all__ = ['Actions', 'ActiveFault', 'Fault', 'FaultError', 'Faults', 'Transport', 'parse']
 
@@ -36,26 +39,26 @@ _log = logging.getLogger(__name__)
 
 
 class Actions(Protocol):
-    """The controller's side of faults. No call is refused or moves the arm.
+    """The actions of the controller that faults trigger. None is refused or moves the arm.
 
-    Joints are indices, from 0.
+    Joints are indices from 0.
     """
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the reported position of this joint too. None unfreezes all joints."""
+        """Freeze the reported position of one more joint. None unfreezes all joints."""
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
         """Trigger a joint's servo error, which switches the motors off."""
 
     def press_estop(self) -> None:
-        """Press the E-stop. It may be pressed already."""
+        """Press the E-stop, which may already be pressed."""
 
     def reboot(self, seconds: float) -> None:
-        """Switch off, closing all connections, and restart after `seconds` s."""
+        """Switch off, which closes all connections, and restart after `seconds`."""
 
 
 class Transport(Protocol):
-    """A connection as seen by faults: `FaultyTransport`."""
+    """A connection on which faults act. `FaultyTransport` implements it."""
 
     port: str
 
@@ -70,14 +73,14 @@ class Transport(Protocol):
 
 
 class ActiveFault:
-    """A fault that has been started and has not ended."""
+    """A fault from the request to its end. `begun`: the fault has taken effect."""
 
     def __init__(self, fault: Fault, number: int, seed: str) -> None:
         self.fault = fault
         self.number = number
         self.begun = False
         self.until: Timer | None = None
-        """Timer of its start, or of its end once it has started."""
+        """Timer of its start, or of its end once it has begun."""
         self._seed = seed
         self._to_pass = int(fault.number('skip'))
         self._left = int(fault.number('count')) or None
@@ -85,11 +88,11 @@ class ActiveFault:
 
     @property
     def used_up(self) -> bool:
-        """Whether it has affected the requested number of messages."""
+        """Whether the fault has affected the requested number of messages."""
         return self._left == 0
 
     def affects(self, message: bytes) -> bool:
-        """Return whether it affects this message, and count the message."""
+        """Return whether the fault affects this message, and count the message."""
         if self.fault.kind.replies and not is_reply(message):
             return False
         if self.used_up:
@@ -102,33 +105,33 @@ class ActiveFault:
         return True
 
     def point_reached(self) -> bool:
-        """Count a point that the arm starts. Return whether it is the requested one."""
+        """Count a point to which the arm starts to move. Return whether it triggers the fault."""
         self._points -= 1
         return self._points == 0
 
     def chance(self, port: str, serial: int) -> random.Random:
-        """Return the random generator of a connection, which is reproducible for the same seed."""
-        # Seeded by a text, because only then is the seed the same in every process.
+        """Return a new random generator for the connection with number `serial` on a port."""
+        # The seed is a text, because the hash of a tuple differs between processes.
         return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
 
     def text(self, now: float) -> str:
-        """The fault and its remaining time or count, in one line without commas."""
+        """Return the fault and its remaining time or count, in one line without commas."""
         remark = ''
         if self.until is not None:
             seconds = max(self.until.due - now, 0.0)
             remark = f'{seconds:.1f} s left' if self.begun else f'starts in {seconds:.1f} s'
         elif self._left is not None:
-            remark = f'{self._left} to strike'
+            remark = f'{self._left} messages left'
         elif self._points > 0:
-            remark = f'{self._points} points to go'
+            remark = f'{self._points} points left'
         return f'{write(self.fault)} ({remark})' if remark else write(self.fault)
 
 
 class Faults:
-    """The faults of one controller, applied to messages one after the other.
+    """The faults of one controller, in the order in which they apply to a message.
 
-    `joints` is the number of joints. `remote_only`: the driver uses the remote port only, so its
-    link faults apply there.
+    `joints` is the number of joints. `remote_only`: the driver uses only the remote port, so
+    faults of connections always affect this port.
     """
 
     def __init__(
@@ -148,10 +151,10 @@ class Faults:
     # Requests of users.
 
     def start(self, fault: Fault) -> None:
-        """Start a fault, now or after its `after`.
+        """Start a fault, now or after its `after`, s.
 
-        Raises FaultError if the arm lacks the joint, if too many faults are active, or if no
-        client could clear it.
+        Raises FaultError if the joint does not exist, if too many faults are active, or if the
+        fault would disturb the remote port without an end.
         """
         if self._remote_only and REMOTE_PORT in fault.kind.ports:
             fault = on_ports(fault, (REMOTE_PORT,))
@@ -177,10 +180,10 @@ class Faults:
             self._begin(active)
 
     def clear(self, name: str | None = None) -> int:
-        """End the faults of a name, or all, and send delayed messages. Return their number.
+        """End all faults, or those of one name, and send delayed messages. Return their number.
 
-        A reboot continues. Raises FaultError if the fault is unknown, inactive or cannot be
-        cleared.
+        A reboot cannot be ended. Raises FaultError if the named fault is unknown, inactive or
+        cannot be ended.
         """
         if name is not None and name not in FAULTS:
             raise FaultError(f'{name!r} is not a fault: must be one of {", ".join(FAULTS)}')
@@ -195,15 +198,15 @@ class Faults:
         return len(ended)
 
     def active(self) -> list[str]:
-        """Return each fault that has not ended, in one line without commas."""
+        """Return the text of each fault that has not ended, see `ActiveFault.text`."""
         return [item.text(self._clock.now) for item in self._active]
 
     # Notifications and queries of the controller.
 
     def point_begun(self) -> None:
-        """Record that the arm got one more point of a trajectory.
+        """Record that the arm has started to move to one more point of a trajectory.
 
-        The effect takes place when the clock next advances, not within this call.
+        A fault that this triggers takes effect when the clock next advances, not within this call.
         """
         for active in list(self._active):
             if active.begun and active.fault.name == 'estop_at_point' and active.point_reached():
@@ -212,32 +215,32 @@ class Faults:
                 self._clock.after(0.0, self._actions.press_estop)
 
     def rejects(self, port: str) -> bool:
-        """Return whether new connections to this port must be closed immediately."""
+        """Return whether new connections to a port must be closed immediately."""
         return any(active.fault.name == 'cut' for active in self._begun(port))
 
     # Requests of transports.
 
     @property
     def attached(self) -> int:
-        """Number of connections that faults can affect now."""
+        """Number of connections on which faults can act."""
         return len(self._transports)
 
     def attach(self, transport: Transport) -> int:
-        """Register a connection for faults and return its number among those of its port."""
+        """Register a connection and return its number among all connections of its port."""
         self._transports[transport] = None
         self._serials[transport.port] += 1
         return self._serials[transport.port]
 
     def detach(self, transport: Transport) -> None:
-        """Remove a connection. Removing it twice is allowed."""
+        """Remove a connection. Repeated calls are allowed."""
         self._transports.pop(transport, None)
 
     def disturbing(self, port: str) -> list[ActiveFault]:
-        """Return the faults that affect messages of this port, in the order of their start."""
+        """Return the faults that affect messages of a port now, in the order of their requests."""
         return [item for item in self._begun(port) if item.fault.name in DISTURBANCES]
 
     def on_triggered(self, active: ActiveFault) -> None:
-        """Called when a fault affected a message. The last message of its count ends it."""
+        """End a fault that has affected a message if this was the last message of its count."""
         if active.used_up:
             self._end(active)
 
@@ -259,7 +262,7 @@ class Faults:
             ]:
                 transport.cut()
         elif fault.name == 'servo_error':
-            self._remove(active)  # it has happened, and only a reset clears the error
+            self._remove(active)  # the error itself lasts until a reset
             joint = int(fault.number('joint')) - 1
             self._actions.servo_error(joint, bool(fault.number('critical')))
         elif fault.name == 'reboot':

@@ -14,14 +14,14 @@ from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
 from epson_driver.sim_controller.ports import Send
 
 MAX_HELD_BYTES = 262_144
-"""Maximum bytes that faults may delay on one connection. It is closed beyond that."""
+"""Maximum number of bytes delayed by faults on one connection. More bytes close the connection."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """Bytes to send at `due`, together with others if `gathered`."""
+    """Bytes to send at the time `due`, s. `gathered`: they are sent together with others."""
 
     due: float
     data: bytes
@@ -30,10 +30,10 @@ class _Held:
 
 
 class FaultyTransport:
-    """One connection of a port, whose messages keep their order under every fault.
+    """The messages of one connection. No fault changes their order.
 
     `transmit` writes to the socket immediately. `hang_up` closes the connection and is called at
-    most once, possibly within `send` or `receive`.
+    most once, possibly within `send`.
     """
 
     def __init__(
@@ -63,21 +63,21 @@ class FaultyTransport:
         self.changed()
 
     def send(self, message: bytes) -> None:
-        """Send one whole message or line, or drop it if the connection is closed."""
+        """Send one whole message or line. Drop it if the connection is closed."""
         if self._plain:
             self._transmit(message)
         elif not self._closed:
             self._send_disturbed(message)
 
     def receive(self, data: bytes) -> bytes:
-        """Return the received part of the client's bytes: all of them, or none."""
+        """Return the bytes from the client that the session receives: all of them, or none."""
         if self._silent:
             self._hole = self._hole or bool(data)
             return b''
         return b'' if self._closed else data
 
     def close(self) -> None:
-        """Drop delayed messages after the connection has ended. A second call is allowed."""
+        """Drop delayed messages after the end of the connection. Repeated calls are allowed."""
         self._closed = True
         self._plain = False
         self._forget_held()
@@ -105,7 +105,7 @@ class FaultyTransport:
         if self._silent:
             self._forget_held()
         elif self._hole:
-            _log.info('%s client: bytes were lost in the silence: disconnected', self.port)
+            _log.info('%s client: bytes were lost while half open: disconnected', self.port)
             self.cut()
             return
         if release and self._held and not self._disturbing:
@@ -158,7 +158,7 @@ class FaultyTransport:
         self._update_plain()
 
     def _release(self, until: float) -> None:
-        """Transmit the messages due by `until`, gathered ones in one piece."""
+        """Transmit the messages due by `until`, s, and gathered ones in one piece."""
         while self._held and self._held[0].due <= until:
             first = self._held.popleft()
             data = [first.data]

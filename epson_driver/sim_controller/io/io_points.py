@@ -3,9 +3,9 @@
 """The controller's inputs, outputs and memory bits, used by its programs and its remote port.
 
 A point is addressed by type and index. Digital points and flags are 0 or 1, analogue points are in
-mV. Groups combine the same digital points: group k is byte port k of SPEL+ (`In`, `Out`), bits 8k
-to 8k+7, bit 8k lowest. Group WORD_GROUPS + k is word port k (`InW`, `OutW`), bits 16k to 16k+15.
-Bits above the last point read as 0 and cannot be set.
+mV. A group combines digital points into one number. Group k is byte port k of SPEL+ (`In`, `Out`),
+with points 8k to 8k+7, of which point 8k is the lowest bit. Group WORD_GROUPS + k is word port k
+(`InW`, `OutW`), with points 16k to 16k+15. Bits above the last point read as 0 and cannot be set.
 """
 
 import logging
@@ -18,16 +18,16 @@ from epson_driver.simple_message import IoFeature, IoRange, IoResult, IoType
 BYTE_BITS = 8
 WORD_BITS = 16
 WORD_GROUPS = 1000
-"""Index of the group of word port 0. Byte ports are below it."""
+"""Index of the group for word port 0. Lower indices are byte ports."""
 
 Listener = Callable[[], None]
-"""Called after any point has changed."""
+"""Function that is called after any point has changed."""
 
 _log = logging.getLogger(__name__)
 
 
 class IoError(Exception):
-    """An I/O error: result code, and a sentence with address and limit."""
+    """An I/O access is refused. The message names the address and the limit."""
 
     def __init__(self, result: IoResult, sentence: str) -> None:
         super().__init__(sentence)
@@ -36,7 +36,7 @@ class IoError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """The name of a type of points, and its operations over the network."""
+    """The names of a type of points, and whether clients of the I/O port may write it."""
 
     short: str
     name: str
@@ -60,7 +60,7 @@ _PORTS = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT, IoType.FLAG)
 
 
 class IoPoints:
-    """The values of all points. Outputs start with their safe values, all others with 0."""
+    """The values of all points. Outputs have their safe values at first, all others 0."""
 
     def __init__(self, profile: IoProfile) -> None:
         self.profile = profile
@@ -78,7 +78,7 @@ class IoPoints:
     # One point, or one group.
 
     def read(self, io_type: int, index: int) -> int:
-        """Return a value. Raises IoError."""
+        """Return the value of a point or a group. Raises IoError if it does not exist."""
         kind, known = self._checked(io_type, index)
         if kind.bits is not None:
             return self.read_port(kind.bits, *_port(index))
@@ -87,7 +87,8 @@ class IoPoints:
     def write(self, io_type: int, index: int, value: int) -> None:
         """Set an output, a group of outputs or a flag.
 
-        Raises IoError without changing anything.
+        Raises IoError, and changes nothing, if it does not exist, is an input or the value is out
+        of range.
         """
         kind, known = self._checked(io_type, index)
         if not kind.writable:
@@ -98,7 +99,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def set_input(self, io_type: int, index: int, value: int) -> None:
-        """Set an input or a group of inputs, like its wiring does. Raises IoError."""
+        """Set an input or a group of inputs, like the wiring does. Raises IoError like `write`."""
         kind, known = self._checked(io_type, index)
         if kind.bits not in _INPUTS and known not in _INPUTS:
             raise IoError(
@@ -107,7 +108,10 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def reset_point(self, io_type: int, index: int) -> None:
-        """Set an output or a group of outputs to its safe value, a flag to 0. Raises IoError."""
+        """Set an output or a group of outputs to its safe value, or a flag to 0.
+
+        Raises IoError if it does not exist or is an input.
+        """
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
@@ -121,29 +125,32 @@ class IoPoints:
     # Many digital points or flags as one number.
 
     def read_port(self, io_type: IoType, port: int, width: int) -> int:
-        """Return the bits of a port of DI, DO or FLAG from bit `width * port`, lowest first.
+        """Return `width` digital inputs, outputs or flags as one number.
 
-        Raises IoError if the port has no points.
+        Point `width * port` is the lowest bit. Raises IoError if the port has no points.
         """
         values = self._values[io_type]
         bits = self._bits(io_type, port, width)
         return sum(values[bit] << shift for shift, bit in enumerate(bits))
 
     def write_port(self, io_type: IoType, port: int, width: int, value: int) -> None:
-        """Set the bits of a port of DO or FLAG. Raises IoError without changing anything."""
+        """Set the points of a port of outputs or flags, see `read_port`.
+
+        Raises IoError, and changes nothing, if the port or the value is invalid.
+        """
         if not _KINDS[io_type].writable:
             text = f'{_KINDS[io_type].short} port {port}: an input cannot be written'
             raise IoError(IoResult.TYPE_FEATURE_UNSUPPORTED, text)
         self._set_port(io_type, port, width, value)
 
     def set_input_port(self, port: int, width: int, value: int) -> None:
-        """Set the bits of a port of DI, like their wiring does. Raises IoError."""
+        """Set the points of a port of inputs, like the wiring does. Raises IoError likewise."""
         self._set_port(IoType.DIGITAL_INPUT, port, width, value)
 
     # Ranges of points.
 
     def ranges(self) -> tuple[IoRange, ...]:
-        """Return the ranges of existing points."""
+        """Return the ranges of existing points, and the operations that they support."""
         result = []
         for io_type, kind in _KINDS.items():
             features = IoFeature.STREAMING
@@ -155,17 +162,17 @@ class IoPoints:
         return tuple(result)
 
     def check_range(self, io_type: int, start: int, count: int) -> None:
-        """Raise IoError unless a range is not empty and all its points exist."""
+        """Raise IoError if a range is empty or a point in it does not exist."""
         kind, _ = self._checked(io_type, start)
         last = start + count - 1
         if not any(
             first <= start <= last < first + held for first, held in self._spans(IoType(io_type))
         ):
-            text = f'{kind.short} {start}, {count} of them: {self._there_are(IoType(io_type))}'
+            text = f'{kind.short} {start}, {count} points: {self._there_are(IoType(io_type))}'
             raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
 
     def read_range(self, io_type: int, start: int, count: int) -> tuple[int, ...]:
-        """Return the values of a range that `check_range` allows."""
+        """Return the values of a range for which `check_range` does not raise."""
         known = IoType(io_type)
         if _KINDS[known].bits is None:
             return tuple(self._values[known][start : start + count])
@@ -184,7 +191,7 @@ class IoPoints:
         return stop
 
     def reset(self) -> None:
-        """Set outputs to their safe values, except those that the profile keeps on reset."""
+        """Set all outputs to their safe values, except those in the profile's `keep_on_reset`."""
         self._make_safe(self.profile.outputs - self.profile.keep_on_reset)
 
     def boot(self) -> None:
@@ -193,14 +200,14 @@ class IoPoints:
         self._make_safe([*self.profile.outputs, *flags])
 
     def client_wrote(self, client: object) -> None:
-        """Record that this client controls outputs until it disconnects."""
+        """Record that a client has written outputs."""
         self._writers.add(client)
 
     def client_gone(self, client: object) -> None:
         """Record that a client has disconnected.
 
-        After the last client that wrote outputs, they get their safe values, except those that the
-        profile keeps on link loss.
+        If it was the last of the clients that have written outputs, set all outputs to their safe
+        values, except those in the profile's `keep_on_link_loss`.
         """
         if client not in self._writers:
             return
@@ -227,7 +234,7 @@ class IoPoints:
         return kind, known
 
     def _spans(self, io_type: IoType) -> list[tuple[int, int]]:
-        """Return first index and number of the points of a type."""
+        """Return the first index and the number of points of each range of a type."""
         bits = _KINDS[io_type].bits
         if bits is None:
             spans = [(0, len(self._values[io_type]))]
@@ -244,7 +251,7 @@ class IoPoints:
         return f'this controller has {name} {ranges}' if ranges else f'it has no {name}'
 
     def _bits(self, io_type: IoType, port: int, width: int) -> range:
-        """Return the points of a port. Raises IoError if the port has no points."""
+        """Return the indices of a port's points. Raises IoError if the port has no points."""
         count = len(self._values[io_type])
         if io_type not in _PORTS or not 0 <= port * width < count:
             text = f'{_KINDS[io_type].short} port {port} of {width} bits: there are {count} points'
@@ -287,5 +294,5 @@ class IoPoints:
 
 
 def _port(group: int) -> tuple[int, int]:
-    """Return port and width of a group."""
+    """Return the port of a group and the port's width in bits."""
     return (group - WORD_GROUPS, WORD_BITS) if group >= WORD_GROUPS else (group, BYTE_BITS)

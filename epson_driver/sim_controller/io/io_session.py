@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One client of the I/O port: its requests are answered item by item, its ranges published.
+"""The session of one client of the I/O port: answers to requests, and published ranges of points.
 
-Every item of a request has a separate result, and an invalid item does not affect the others.
+Every item of a request has a separate result. An invalid item does not affect the others.
 docs/io.md describes the messages.
 """
 
@@ -57,7 +57,7 @@ MAX_CATCH_UP_PUBLICATIONS = 3
 
 MAX_RANGES = 64
 MAX_VALUES = 4096
-"""Limits of one client's subscriptions: ranges, and the total number of values."""
+"""Maximum number of ranges to which one client subscribes, and of values in all of them."""
 
 TIMESTAMP_MASK = 2**31 - 1
 
@@ -68,11 +68,11 @@ def timestamp(clock: Clock) -> int:
 
 
 class IoStream:
-    """Calls `publish` every `publish_period`, and soon after a change.
+    """Publishes the subscribed ranges every `publish_period` of the profile, and after a change.
 
-    A change is published when the clock next advances, together with all other changes of that
-    moment, but at the earliest `publish_interval` after the previous publication. Publication
-    stops while `paused()`.
+    A change is published when the clock next advances, together with all other changes until then,
+    but at the earliest `publish_interval` after the previous publication. Nothing is published
+    while `paused()` is True.
     """
 
     def __init__(
@@ -94,7 +94,10 @@ class IoStream:
         self._stop_listening = points.listen(self._changed)
 
     def subscribe(self, span: IoSpan) -> None:
-        """Add a range, or replace the range with the same start. Raises IoError."""
+        """Add a range, or replace the range with the same start.
+
+        Raises IoError if a point does not exist, or the client has too many subscriptions.
+        """
         self._points.check_range(span.io_type, span.start, span.count)
         key = (span.io_type, span.start)
         ranges = {**self._ranges, key: span.count}
@@ -103,7 +106,7 @@ class IoStream:
             raise IoError(
                 IoResult.TOO_MUCH,
                 f'{len(ranges)} ranges with {values} values: at most {MAX_RANGES} with '
-                f'{MAX_VALUES} in all',
+                f'{MAX_VALUES} in total',
             )
         self._ranges = ranges
         self._sent = ()
@@ -112,7 +115,7 @@ class IoStream:
             self._wait()
 
     def unsubscribe(self, address: IoAddress) -> None:
-        """Drop the range with this start. Raises IoError without one."""
+        """Remove the range with this start. Raises IoError if no range starts there."""
         key = (address.io_type, address.index)
         if key not in self._ranges:
             self._points.check_range(*key, 1)
@@ -172,13 +175,13 @@ class IoStream:
 
 _OUTPUTS = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.GROUP_OUTPUT)
 _RESETTABLE = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.FLAG)
-"""Types that ALL includes. Groups are excluded, because they contain the same points."""
+"""Types that are reset if a request names ALL types. Groups consist of the same points."""
 
 _log = logging.getLogger(__name__)
 
 
 class IoSession:
-    """Serves one client. `available` returns None, or why the I/O server is not running now."""
+    """The session of one client. `available` returns why requests are refused now, or None."""
 
     def __init__(
         self,
@@ -216,7 +219,7 @@ class IoSession:
                 self._send(encode(packet, self._dialect))
 
     def closed(self) -> None:
-        """Drop the client's subscription, and reset the points it had written."""
+        """Stop publishing, and notify the points that the client has disconnected."""
         if self._open:
             self._open = False
             self._stream.close()

@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One client of Motoman's I/O port: bits and groups by address, answered like MotoROS.
+"""The session of one client of Motoman's I/O port, which behaves like MotoROS.
 
-MotoROS serves the port in every condition of the controller, and leaves outputs unchanged when a
-client disconnects. IOCTRL_REPLY answers any other message. docs/io.md has the table.
+The port is served in every condition of the controller, and outputs are unchanged when a client
+disconnects. A message that does not read or write I/O is answered with IOCTRL_REPLY. docs/io.md
+has a table of the addresses of bits and groups.
 """
 
 import logging
@@ -47,11 +48,11 @@ _log = logging.getLogger(__name__)
 
 
 class _AddressError(Exception):
-    """The address does not exist or cannot be written. The text gives the reason."""
+    """An address does not exist. The message gives the reason."""
 
 
 class MotomanIoSession:
-    """Serves one client."""
+    """The session of one client."""
 
     def __init__(self, points: IoPoints, dialect: Dialect, send: Send) -> None:
         self._points = points
@@ -77,7 +78,7 @@ class MotomanIoSession:
             self._send(encode(reply(message, code), self._dialect))
 
     def closed(self) -> None:
-        """Remove the client and leave the outputs unchanged."""
+        """End the session and leave the outputs unchanged."""
         self._open = False
 
     def _answer(self, frame: Frame) -> Message:
@@ -123,7 +124,7 @@ class MotomanIoSession:
 
 
 def _bit(address: int) -> tuple[IoType, int]:
-    """Return type and index of a bit. Raises _AddressError."""
+    """Return the type and index of a bit. Raises _AddressError if it does not exist."""
     group, place = divmod(address, _BIT_DIGITS)
     if place >= BYTE_BITS:
         raise _AddressError(f'address {address}: its last digit must be 0 to {BYTE_BITS - 1}')
@@ -132,7 +133,7 @@ def _bit(address: int) -> tuple[IoType, int]:
 
 
 def _group(address: int) -> tuple[IoType, int]:
-    """Return type and number, from 0, of a group. Raises _AddressError."""
+    """Return the type and number of a group, from 0. Raises _AddressError if it is unknown."""
     if GENERAL_INPUTS <= address < GENERAL_OUTPUTS - 1:
         return IoType.DIGITAL_INPUT, address - GENERAL_INPUTS
     if GENERAL_OUTPUTS <= address < 2 * GENERAL_OUTPUTS - 2:

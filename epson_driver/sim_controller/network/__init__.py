@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sockets and real time for the core."""
+"""Sockets and real time for the simulated controller."""

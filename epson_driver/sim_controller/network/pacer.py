@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Advances the core by real time, because the core's clock does not run alone."""
+"""Advances the simulated controller in real time, because it does not read a clock itself."""
 
 import asyncio
 import math
@@ -14,9 +14,9 @@ from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 class Pacer:
     """Steps the controller by the elapsed real time.
 
-    It does so in every motion cycle while the arm moves, whenever a timer is due, and before any
-    other use of the controller, which takes place within `present`. The controller's `timing`
-    counts the motion cycles that were late by a whole period.
+    The controller is stepped in every motion cycle while the arm moves, when a timer is due, and
+    before any other use of the controller, which must take place within `present`. Motion cycles
+    that are late by a whole period are counted in the controller's `timing`.
     """
 
     def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
@@ -26,14 +26,14 @@ class Pacer:
         self._cycle = math.inf
         self._error: BaseException | None = None
         self._failed: asyncio.Future[None] | None = None
-        """Future of the running `run`, which gets the error of a failed step."""
+        """Awaited by `run`. It gets the exception of a failed step."""
         self._timer: asyncio.TimerHandle | None = None
         self._context = copy_context()
         self._sleeps_until = -math.inf
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Advance the controller to the present for use, then schedule its next step."""
+        """Advance the controller to the current time for use. Then schedule its next step."""
         self._catch_up()
         try:
             yield self._controller
@@ -44,7 +44,7 @@ class Pacer:
     async def run(self) -> None:
         """Step the controller when its next timer is due, and every cycle while the arm moves.
 
-        Never returns. Raises the error that ends it.
+        Never returns. Raises the exception of a failed step.
         """
         self._failed = asyncio.get_running_loop().create_future()
         self._context = copy_context()
@@ -58,7 +58,7 @@ class Pacer:
             self._failed, self._sleeps_until = None, -math.inf
 
     def see_end(self, task: 'asyncio.Task[None]') -> None:
-        """Let `run` raise the exception of a client's task, because it is a defect."""
+        """Raise the exception of a client's ended task in `run`, because it is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self._fail(error)
 
@@ -68,9 +68,9 @@ class Pacer:
             self._failed.set_exception(error)
 
     def _step(self) -> None:
-        """Step the controller.
+        """Step the controller, and schedule the next step.
 
-        A callback of the loop: a task would cost three calls for each step.
+        The event loop calls this method directly, because waking a task would cost three calls.
         """
         try:
             self._catch_up()
@@ -85,7 +85,7 @@ class Pacer:
         self._sleep(self._due())
 
     def _due(self) -> float:
-        """Return the time of the next step, on the real clock."""
+        """Return the time of the next step on the real clock, s."""
         controller = self._controller
         if not controller.in_motion:
             self._cycle = math.inf
@@ -97,7 +97,7 @@ class Pacer:
         return min(self._cycle, self._now + due - controller.clock.now)
 
     def _sleep(self, until: float) -> None:
-        """Schedule the next step at that time, on the real clock."""
+        """Schedule the next step at the time `until` of the real clock, s."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's listening TCP ports: sockets for the sessions of the core.
 
-Misbehaving clients must not keep an operator from the E-stop. A client that never pauses could
-otherwise occupy the whole process, so one client is read per turn of the event loop, and clients
-share a budget of processor time. The motion port has no budget, because its STOP must not be
-delayed. A full remote port evicts a client to admit a new one, and keeps a file descriptor in
-reserve for the case that the process has none left.
+Misbehaving clients must not prevent an operator from pressing the E-stop through the remote port.
+A client that never pauses could occupy the whole process. Therefore only one client is read per
+turn of the event loop, and each client has a budget of processor time. The motion port has no
+budget, because its STOP must not be delayed. A full remote port evicts a client to admit a new
+one. It also reserves a file descriptor, to admit a client when the process has no other one left.
 """
 
 import asyncio
@@ -31,13 +31,13 @@ from epson_driver.simple_message import FrameError
 from epson_driver.socket_errors import reason
 
 HALF_CLOSED_S = 2.0
-"""Time for which a client that has shut its side down is still sent data, s."""
+"""Time for which a client is still sent data after it has shut down its own side, s."""
 
 HANDOVER_S = 0.1
-"""Time a client waits for a place, s, because its old connection may still be closing."""
+"""Time that a new client waits on a full port, s. Its old connection may still be closing."""
 
 MAX_WAITING_CLIENTS = 4
-"""Maximum number of clients waiting for a place. Any further client is rejected immediately."""
+"""Maximum number of clients waiting on a full port. Further clients are refused immediately."""
 
 BACKLOG = 64
 """Maximum number of connections queued by the system. The event loop accepts one per turn."""
@@ -46,31 +46,35 @@ ACCEPT_RETRY_S = 0.05
 """Delay after the system could not accept a connection, s."""
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
-"""The process, or the system, has no file descriptor left."""
+"""Errors of `accept` if the process or the system has no file descriptor left."""
 
 _GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
-"""No connection is pending, or it has ended before it was accepted."""
+"""Errors of `accept` if no connection is pending, or it has already ended."""
 
 _log = logging.getLogger(__name__)
 
 MAX_SAVED_S = 0.1
-"""Maximum processor time that an idle client accumulates, s."""
+"""Maximum processor time that an idle client saves, s."""
 
 INITIAL_S = 0.002
-"""Initial processor time of a new client, s. It is short, so that reconnecting gains nothing."""
+"""Saved processor time of a new client, s. It is short, so reconnecting has no advantage."""
 
 
 class CpuBudget:
-    """A client's recent processor time. A client above its share must wait."""
+    """The processor time that a client may use without a wait.
+
+    The budget grows by a share of the elapsed time.
+    """
 
     def __init__(self, now: float) -> None:
         self._saved = INITIAL_S
         self._at = now
 
     def used(self, seconds: float, share: float, now: float) -> float:
-        """Record processor time of a client with a `share` (0, 1], and return its wait, s.
+        """Record `seconds` of processor time, and return how long the client must wait, s.
 
-        The wait starts at `now`, of a monotonic clock. All times are in s.
+        `share` is the permitted fraction (0, 1] of the elapsed time. `now` is the time of a
+        monotonic clock, s.
         """
         self._saved = min(self._saved + (now - self._at) * share, MAX_SAVED_S) - seconds
         self._at = now
@@ -78,7 +82,7 @@ class CpuBudget:
 
 
 class SpareDescriptor:
-    """One file descriptor in reserve, initially none."""
+    """A reserved file descriptor. At first none is reserved."""
 
     def __init__(self) -> None:
         self._descriptor: int | None = None
@@ -88,11 +92,11 @@ class SpareDescriptor:
         if self._descriptor is None:
             try:
                 self._descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
-            except OSError:  # none is available: the next client that disconnects frees one
+            except OSError:  # tried again when a client disconnects, which frees a descriptor
                 return
 
     def give(self) -> bool:
-        """Free the reserved descriptor for use. Return whether one was reserved."""
+        """Release the reserved descriptor for use. Return whether one was reserved."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)
@@ -102,15 +106,16 @@ class SpareDescriptor:
 class PortRules(NamedTuple):
     """The rules of one port.
 
-    max_clients: further clients wait HANDOVER_S for a place, at most MAX_WAITING_CLIENTS of them,
-    and are then refused. None: every client is accepted, if necessary in place of another one,
-    even without a free file descriptor.
-    max_unsent: a client that leaves more unread bytes is disconnected. send_buffer: size of the
-    system's additional buffer, None for its default.
-    half_closed: a client that has shut its side down is still sent data, for HALF_CLOSED_S.
-    chunk: maximum bytes read per call. share: maximum fraction of the processor time of all
-    clients together, beyond the time that each has accumulated. None: unlimited.
-    replace: the oldest client makes room for one more.
+    max_clients: maximum number of clients. Further ones wait HANDOVER_S and are then refused. At
+    most MAX_WAITING_CLIENTS wait. None: every client is accepted, if necessary in place of another
+    one, even without a free file descriptor.
+    max_unsent: maximum number of unsent bytes, beyond which a client is disconnected. send_buffer:
+    size of the system's additional buffer, bytes (None: its default).
+    half_closed: a client that has shut down its own side is still sent data for HALF_CLOSED_S.
+    chunk: maximum number of bytes per read.
+    share: fraction of the processor time that all clients together may use in the long run (None:
+    unlimited).
+    replace: a new client replaces the oldest one on a full port.
     """
 
     name: str
@@ -128,9 +133,8 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     replace = server.full == 'replace'
     return (
         PortRules('motion', 1, chunk=4096, share=None, replace=replace),  # unlimited, for its STOP
-        # The buffer holds the messages after a scheduling delay of this process, plus several
-        # seconds for a client that is not reading. A real controller would only wait until it
-        # reads again.
+        # The buffers store the messages of a scheduling delay of this process, plus several
+        # seconds for a client that does not read. A real controller would wait for it.
         PortRules(
             'state', server.state_clients, 65_536, 16_384, half_closed=True, replace=replace
         ),
@@ -142,10 +146,9 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
 class PortServer:
     """Accepts clients of one port and serves each in a separate task.
 
-    A client that gets no place is closed, which does not affect the others. If the rules allow it,
-    it replaces one of them instead. All ports share the same `turn`: the loop reads from one
-    client per turn. This bounds the input between two clock updates, however many clients send
-    continuously.
+    A refused client does not affect the others. All ports share the lock `turn`, so only one
+    client is read per turn of the event loop. This bounds the input between two steps of the
+    controller, however many clients send continuously.
     """
 
     def __init__(self, rules: PortRules, pacer: Pacer, turn: asyncio.Lock) -> None:
@@ -157,9 +160,9 @@ class PortServer:
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
         self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
-        """Arrival times of the latest clients, on a port that accepts every client."""
+        """Times at which the latest clients were accepted, s."""
         self._spare = SpareDescriptor()
-        """Admits a client if no descriptor is available, on a port that accepts every client."""
+        """Descriptor for a client when no other is available, if the port accepts every client."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
     @property
@@ -169,11 +172,11 @@ class PortServer:
 
     @property
     def clients(self) -> int:
-        """Number of clients that are connected or wait for a place."""
+        """Number of clients that are connected, or wait on a full port."""
         return len(self._tasks)
 
     def open(self, host: str, port: int) -> int:
-        """Listen on the port (0: any free one) and return it. Raises OSError."""
+        """Listen on a port (0: any free one) and return its number. Raises OSError on failure."""
         try:
             family = socket.AF_INET6 if ':' in host else socket.AF_INET
             sock = socket.create_server((host, port), family=family, backlog=BACKLOG)
@@ -207,11 +210,11 @@ class PortServer:
             asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
 
     def _accept(self, listening: socket.socket) -> None:
-        """Accept one connection and leave the others queued in the system."""
+        """Accept one connection. Others remain queued in the operating system."""
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
             wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
-            if wait > 0.0:  # too many are new, and get time to send
+            if wait > 0.0:  # too many clients are new, and none of them may be evicted yet
                 self._pause(listening, wait)
                 return
         try:
@@ -245,7 +248,7 @@ class PortServer:
             self._spare.keep()
 
     def _cannot(self, listening: socket.socket, why: str) -> None:
-        """Log why no client can be accepted, and pause. The loop would retry without a delay."""
+        """Log why no client can be accepted, and pause, because the loop retries immediately."""
         _log.error('%s port: cannot accept connections: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
@@ -263,7 +266,7 @@ class PortServer:
         reader, writer = await asyncio.open_connection(sock=sock, limit=rules.chunk)
         try:
             connection = TcpConnection(rules.name, reader, writer, rules.max_unsent, rules.chunk)
-        except (OSError, TypeError):  # gone before it was served
+        except (OSError, TypeError):  # the client has already disconnected
             writer.transport.abort()
             return
         await self._attend(connection)
@@ -279,7 +282,7 @@ class PortServer:
             try:
                 _log.info('%s connected', connection.name)
                 await self._serve(connection)
-                _log.info('%s gone', connection.name)
+                _log.info('%s disconnected', connection.name)
             finally:
                 if self._places is not None:
                     self._places.release()
@@ -315,7 +318,7 @@ class PortServer:
                 session.closed()
 
     async def _pay(self, budget: CpuBudget, used: float) -> None:
-        """Delay a client that has used more than its share of processor time."""
+        """Wait if the client has used more than its processor time."""
         if self._rules.share is not None:
             own = self._rules.share / len(self._tasks)
             wait = budget.used(used, own, asyncio.get_running_loop().time())

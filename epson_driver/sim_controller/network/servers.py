@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated controller on the network: four ports, a clock, and a planner."""
+"""The simulated controller on the network: its ports, real time, and the planner process."""
 
 import asyncio
 import logging
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 
 async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
-    """Connect a program's client port and pass on received data until either side closes."""
+    """Connect a client port of a SPEL+ program, and pass on data until either side closes."""
     writer = None
     while writer is None and session.wanted:
         try:
@@ -66,8 +66,8 @@ class Ports(NamedTuple):
 class ControllerServers:
     """The listening ports of one controller, its real time, and its planner process if any.
 
-    With the network `spel` of a SPEL+ program, it also serves the ports that the program opens.
-    `program_ports`: TCP port in the program → port to listen on, 0 for any free one.
+    `spel` contains the ports of a SPEL+ program, which are served once the program opens them.
+    `program_ports`: TCP port in the program → port to use instead (0: any free one).
     """
 
     def __init__(
@@ -91,10 +91,10 @@ class ControllerServers:
         self._clients: set[asyncio.Task[None]] = set()
 
     async def open(self, host: str, ports: Ports) -> Ports:
-        """Start the planner, listen on all ports, and return them.
+        """Start the planner, listen on all ports, and return their numbers.
 
-        Raises OSError with the port that cannot be opened, or PlannerError. All ports are closed
-        then.
+        Raises PlannerError if the planner does not start, OSError if a port cannot be opened. All
+        ports are then closed.
         """
         self._host = host
         try:
@@ -111,9 +111,10 @@ class ControllerServers:
             raise
 
     def _listen(self, tcp_port: int) -> None:
-        """Listen for clients of a port that a SPEL+ program opens. Raises OSError.
+        """Listen for clients of a port that a SPEL+ program opens.
 
-        The port is any free one if its own number is unavailable and no other was configured.
+        If no port is configured for it and its own number is unavailable, use any free port.
+        Raises OSError if no port can be opened.
         """
         server = PortServer(PortRules(str(tcp_port), 1), self.pacer, self._turn)
         asked = self._program_ports.get(tcp_port)
@@ -127,7 +128,7 @@ class ControllerServers:
         _log.info('port %d of the program is %s:%d', tcp_port, self._host, bound)
 
     def _connect(self, session: ClientSession) -> None:
-        """Connect to the peer of a port that a SPEL+ program opens as a client."""
+        """Connect a port that a SPEL+ program opens as a client to its peer."""
         port = self._program_ports.get(session.tcp_port) or session.tcp_port
         task = asyncio.get_running_loop().create_task(connect(session, port, self.pacer))
         self._clients.add(task)
@@ -135,11 +136,11 @@ class ControllerServers:
         task.add_done_callback(self.pacer.see_end)
 
     def clients(self, port: str) -> int:
-        """Return the number of clients of a port that are connected or wait for a place."""
+        """Return the number of clients of a port, including waiting ones."""
         return sum(server.clients for server in self._servers if server.name == port)
 
     async def run(self) -> None:
-        """Run the controller in real time. Never returns."""
+        """Run the controller in real time until a step fails. Raises the step's exception."""
         if self._planner is None:
             await self.pacer.run()
         else:
@@ -150,18 +151,18 @@ class ControllerServers:
                 )
 
     async def run_until(self, over: asyncio.Event) -> None:
-        """Run the controller in real time until an event. Raises any error before it."""
+        """Run the controller in real time until an event. Raises the exceptions of `run`."""
         running, ending = asyncio.create_task(self.run()), asyncio.create_task(over.wait())
         try:
             await asyncio.wait((running, ending), return_when=asyncio.FIRST_COMPLETED)
             if running.done():
-                await running  # it ends only with an error, which is raised here
+                await running  # raises the exception that ended it
         finally:
             running.cancel()
             ending.cancel()
 
     async def close(self) -> None:
-        """Stop listening, disconnect all clients and end the planner."""
+        """Stop listening, disconnect all clients, and end the planner."""
         for task in self._clients:
             task.cancel()
         for server in self._servers:

@@ -10,19 +10,19 @@ import struct
 from contextlib import suppress
 
 CHUNK_BYTES = 4096
-"""Bytes per read, unless the rules of a port specify another value."""
+"""Default maximum number of bytes per read."""
 
 KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
-"""Socket options that detect a vanished peer after about 4 s, on systems that have them."""
+"""Socket options that detect the loss of a peer after about 4 s, if the system supports them."""
 
 _log = logging.getLogger(__name__)
 
 
 class TcpConnection:
-    """Bytes to and from one client.
+    """The connection with one client.
 
-    A client that leaves more than `max_unsent` bytes unread is disconnected. So memory stays
-    bounded, and clients never receive stale data.
+    A client that does not read is disconnected when more than `max_unsent` bytes are queued. This
+    bounds the memory, and prevents that clients receive stale data.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class TcpConnection:
         host, port = writer.get_extra_info('peername')[:2]
         self.name = f'{name} client {host}:{port}'
         self.local = _is_loopback(host)
-        """Whether the client runs on this machine."""
+        """Whether the client is on this machine."""
         self._reader = reader
         self._writer = writer
         self._max_unsent = max_unsent
@@ -63,7 +63,7 @@ class TcpConnection:
             self.abort()
 
     async def receive(self) -> bytes:
-        """Return the next bytes, or none when the client has closed or is lost."""
+        """Return the next bytes, or b'' if the client has closed the connection or is lost."""
         try:
             return await self._reader.read(self._chunk)
         except OSError as error:
@@ -76,14 +76,14 @@ class TcpConnection:
             await self._writer.wait_closed()
 
     def close(self) -> None:
-        """Close once all bytes are sent, or immediately if the client does not read."""
+        """Close the connection. Drop unsent bytes, if any, because the client does not read."""
         if self._writer.transport.get_write_buffer_size():
             self.abort()
         else:
             self._writer.close()
 
     def abort(self) -> None:
-        """Close immediately and drop unsent bytes, including those in the system's buffers."""
+        """Close immediately, and drop unsent bytes, including those in the system's buffers."""
         sock: socket.socket = self._writer.get_extra_info('socket')
         if sock.fileno() >= 0:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))

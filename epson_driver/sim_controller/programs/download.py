@@ -3,11 +3,12 @@
 """The download interface: the arm moves after the whole trajectory has arrived.
 
 The rules (industrial_robot_client, `motion_download_interface`; thesis chapter 3):
-* The first point has sequence -1, the last -3, the others any non-negative number. Either all are
-  topics, which are not answered, or all are requests, which are.
+* The first point has sequence -1, the last -3, the others any non-negative number. Either all
+  points are topics, which are not answered, or all are requests, which are answered.
 * The program spends `dead_time` s on each point. The arm starts when the last one is processed.
-* A download that is refused or interrupted moves nothing. Causes are a bad point, a new -1, a STOP
-  or a lost client. The rest of a refused download is dropped, so that its cause remains visible.
+* A download moves nothing if it is refused (an invalid point) or interrupted (a new -1, a STOP or
+  the loss of the client). The remaining points of a refused download are dropped without an error,
+  so the first error remains visible.
 * If a download exceeds the buffer, all its points are refused, or the excess ones are lost (ABB).
 """
 
@@ -26,7 +27,7 @@ LAST = SpecialSequence.END_TRAJECTORY
 
 
 class _Phase(Enum):
-    """The phase of a download, which decides about points with a sequence of 0 or more."""
+    """The phase of a download, with the treatment of points with a sequence of 0 or more."""
 
     NONE = 'no download is active'
     COLLECTING = 'they are kept'
@@ -35,7 +36,7 @@ class _Phase(Enum):
 
 @dataclass
 class Download:
-    """Collects the points of one download at a time."""
+    """The points of the current download."""
 
     profile: DownloadProfile
     _phase: _Phase = _Phase.NONE
@@ -43,13 +44,13 @@ class Download:
     _points: list[JointTrajPt] = field(default_factory=list)
     _dropped: int = 0
     busy_until: float = 0.0
-    """When the program will have processed the received points, s."""
+    """Time at which the program has processed all received points, s."""
 
     def __len__(self) -> int:
         return len(self._points)
 
     def concerns(self, sequence: int, comm_type: CommType) -> bool:
-        """Return whether a point belongs to a download: it starts or continues one."""
+        """Return whether a point starts or continues a download."""
         if sequence == FIRST:
             return comm_type is not CommType.SERVICE_REPLY
         if sequence == 0 and self.rejected and comm_type is CommType.SERVICE_REQUEST:
@@ -70,7 +71,7 @@ class Download:
         self._comm_type = comm_type
 
     def add(self, point: JointTrajPt, now: float) -> Rejection | None:
-        """Store one more point. Return why the whole download is refused, or None."""
+        """Add a point at the time `now`, s. Return why the whole download is refused, or None."""
         self.busy_until = max(self.busy_until, now) + self.profile.dead_time
         if len(self._points) < self.profile.buffer:
             self._points.append(point)
@@ -81,7 +82,7 @@ class Download:
         return None
 
     def reject(self) -> None:
-        """Discard the points, and drop the remaining points of this download."""
+        """Discard the stored points, and drop the remaining points of this download."""
         if self._phase is _Phase.COLLECTING:
             self._phase = _Phase.REJECTED
         self._points = []
@@ -98,6 +99,6 @@ class Download:
     def forget(self) -> None:
         """Discard the download and its points."""
         if self._points:
-            _log.warning('a download is dropped: it did not end')
+            _log.warning('an incomplete download is dropped')
         self._points = []
         self._phase = _Phase.NONE

@@ -1,31 +1,29 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The program on the motion port: points in, one move after the other, replies out.
+"""The built-in program for JOINT_TRAJ_PT: it executes points in order and answers them.
 
 The rules (REP-I0006 where specified, otherwise the thesis' program):
 * A point is a JOINT_TRAJ_PT request. Its sequence is 0 for a new trajectory, or one more than the
-  last accepted point. -2 (START_TRAJECTORY_STREAMING) is equivalent to 0. In point-to-point
-  motion, the reply follows when the arm is at rest at the point. In smooth motion it follows when
-  the look-ahead buffer has room for the point, which provides the flow control.
+  sequence of the last accepted point. -2 (START_TRAJECTORY_STREAMING) is equivalent to 0. In
+  point-to-point motion, the reply follows when the arm is at rest at the point. In smooth motion
+  it follows when the look-ahead buffer has room for the point, which provides the flow control.
 * Points that arrive earlier wait. All are answered in the order of arrival.
-* A refused point ends the motion: the arm brakes, all unanswered points get FAILURE, then the
-  refused one. A point answered with FAILURE does not count as accepted. If this loses points that
-  were already answered, which only happens in smooth motion, the trajectory is over. The next
-  point must then have sequence 0, so that none is skipped.
-* STOP (sequence -4) does the same in every condition, is answered with SUCCESS, and ends the
-  trajectory. The next point must have sequence 0.
+* A refused point ends the motion. The arm brakes, and all unanswered points get FAILURE, then the
+  refused one. They do not count as accepted. If points are lost that were already answered, which
+  only happens in smooth motion, the next point must have sequence 0.
+* After a STOP (sequence -4) in any condition, the arm brakes, all unanswered points get FAILURE,
+  and the STOP gets SUCCESS. The next point must have sequence 0.
 * A sequence of -1 starts a download (download.py). Points sent as requests are answered when the
-  program has processed them. Topics of a client that downloads by topics are never answered. A
-  streamed point in between ends the download, but points still in motion are completed first.
-* A reply is ignored, and a topic that belongs to no download is never answered. Otherwise two
-  peers that answer each other would do so forever.
-* A client that stalls (ClientWatchdog) loses its points, as after a STOP. A PING reply with
-  FAILURE reports this before the replies to the points, and each later point gets FAILURE until a
-  STOP.
-* During a pause the arm gets no points and none is answered. Invalid points are still refused, and
-  STOP works.
+  program has processed them. Points sent as topics are never answered. A streamed point during a
+  download ends the download, but points still in motion are completed first.
+* Replies are ignored, and topics that belong to no download are not answered. Two peers could
+  otherwise answer each other forever.
+* If a client stalls (ClientWatchdog), the arm stops as after a STOP. A PING reply with FAILURE is
+  sent before the replies to the points. Each later point gets FAILURE until a STOP.
+* During a pause the arm gets no points, and no point is answered. Invalid points are still
+  refused, and STOP works.
 
-A profile's `ProgramProfile` documents its changes to these rules.
+`ProgramProfile` documents how a profile can change these rules.
 """
 
 import logging
@@ -72,7 +70,7 @@ REPLIES: dict[str, Callable[[int], Message]] = {
     'sequence': JointPosition,
     'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
 }
-"""`reply` of the profile → function that returns the reply to a point with a given sequence."""
+"""The profile's `reply` → function that returns the reply to a point with a sequence."""
 
 
 STOP = SpecialSequence.STOP_TRAJECTORY
@@ -90,9 +88,9 @@ def _name(point: JointTrajPt) -> str:
 
 
 class MotionProgram:
-    """Executes the points of one client, one after the other, and answers them.
+    """The program of a controller whose clients send JOINT_TRAJ_PT.
 
-    At most `motion.pending_limit` of the profile wait, or the points of one download.
+    At most `motion.pending_limit` points of the profile wait, or the points of one download.
     """
 
     ready = True
@@ -122,12 +120,12 @@ class MotionProgram:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits for `resume`."""
+        """Whether the program is paused until `resume`."""
         return self._queue.paused
 
     @property
     def waiting(self) -> int:
-        """Number of points and replies that wait for their turn."""
+        """Number of points and replies in the queue."""
         return len(self._queue)
 
     @property
@@ -159,7 +157,7 @@ class MotionProgram:
         """Brake, and answer all unanswered points with FAILURE."""
         entries, lost = self._queue.flush()
         self._download.reject()
-        sequences = [  # None: of a download
+        sequences = [  # None for a point of a download
             None if entry.reply_to is None else entry.point.sequence
             for entry in entries
             if entry.point is not None
@@ -181,7 +179,7 @@ class MotionProgram:
             self._silent = None
 
     def client_silent(self, seconds: float) -> None:
-        """Stop after the client has been silent for `seconds` while the arm moves."""
+        """Stop because the client has been silent for `seconds`, unless there are no points."""
         if not (self._arm.moving or len(self._queue) or len(self._download)):
             return
         self._send(failure(MessageType.PING))
@@ -191,14 +189,14 @@ class MotionProgram:
         self._errors.enter(self._silent)
 
     def detach(self) -> None:
-        """Discard the client and its unacknowledged points. The arm continues."""
+        """Discard the unacknowledged points of a client that has disconnected."""
         self._queue.detach()
         self._download.forget()
         self._topics = False
         self._accepted = None
 
     def pause(self) -> None:
-        """Give the arm no more points and answer none, until `resume`."""
+        """Supply no more points to the arm and answer none, until `resume`."""
         self._queue.paused = True
 
     def resume(self) -> None:
@@ -328,7 +326,7 @@ class MotionProgram:
         )
 
     def _room_rejection(self) -> Rejection | None:
-        """Return why the whole download cannot be queued behind the waiting points, or None."""
+        """Return why the queue has no room for the points of the download, or None."""
         maximum = max(self._pending_limit, self._profile.download.buffer)
         if len(self._queue) + len(self._download) <= maximum:
             return None
@@ -337,7 +335,7 @@ class MotionProgram:
         )
 
     def _execute(self, points: list[JointTrajPt]) -> None:
-        """Queue the points of a download for execution once the program has processed them."""
+        """Queue the points of a download. The arm executes them once all are processed."""
         for index, point in enumerate(points):
             outside = limits_rejection(point, self._limits)
             reason = None if outside is None else outside.about(_name(point))
@@ -357,7 +355,7 @@ class MotionProgram:
             return
         if frame.msg_type > 0:
             self._send(failure(frame.msg_type))
-        else:  # a reply of that type would also be invalid
+        else:  # a reply with an invalid type would be invalid too
             self._answer(0, ReplyCode.FAILURE)
 
     def _reject(self, sequence: int | None, rejection: Rejection) -> None:

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether Motoman accepts a point: checks of a JOINT_TRAJ_PT_FULL, and trajectory mode.
+"""Motoman's checks of a JOINT_TRAJ_PT_FULL, and its trajectory mode.
 
-The checks are those of MotoROS 1.9: group, valid fields, time, start position, speed. They are
-stricter than MotoROS, which only warns of times that do not increase, detects positions outside
-the limits when the arm reaches them, and accepts non-finite numbers.
+Like MotoROS 1.9, they check group, valid fields, time, start position and speed. They are stricter
+in three points: MotoROS only warns of times that do not increase, detects positions outside the
+limits when the arm reaches them, and accepts non-finite numbers.
 """
 
 import logging
@@ -32,25 +32,28 @@ REQUIRED = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 """Fields that every point must have."""
 
 MAX_TIME_S = 4 * 3600.0
-"""Time at or above which a point is refused, s: float32 is too coarse for longer trajectories."""
+"""Limit of a point's time, s. In a longer trajectory float32 is too coarse for the times."""
 
 START_TOLERANCE = 5e-4
-"""Maximum distance of point 0 from the current position, rad, each joint.
+"""Maximum distance of each joint of point 0 from the current position, rad or m.
 
-MotoROS compares encoder pulses. Depending on its version it allows 10 to 30 of the about 1000
-pulses per degree. This is 30 pulses, for every joint of every robot.
+Depending on its version, MotoROS allows 10 to 30 encoder pulses, of about 1000 per degree. This
+value corresponds to 30 pulses.
 """
 
 
 class InvalidReason(NamedTuple):
-    """Why a point is INVALID: the subcode for the client, and a sentence for the log."""
+    """The reason for answering a point with INVALID: a subcode, and a sentence for the log."""
 
     subcode: Invalid
     sentence: str
 
 
 def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
-    """Return the error in the point alone, or None. Unused joints count too."""
+    """Return the error in a point, regardless of other points, or None.
+
+    The numbers of joints that the robot does not have must be finite too.
+    """
     if point.robot_id != 0:
         return InvalidReason(
             Invalid.GROUPNO, f'robot_id = {point.robot_id}: must be 0, the only group'
@@ -79,7 +82,7 @@ def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
 def invalid_start(
     point: JointTrajPtFull, position: Array, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return the error in point 0 for an arm at rest at `position`, shape (n,), rad, or None."""
+    """Return the error in point 0 of an arm at rest at `position`, shape (n,), rad, or None."""
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
     if off[joint] > START_TOLERANCE:
@@ -95,7 +98,7 @@ def invalid_start(
 def invalid_next(
     point: JointTrajPtFull, before: float, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return the error in a point that follows one with time `before`, s, or None."""
+    """Return the error in a later point, or None. `before`: time of the previous point, s."""
     if point.time <= before:
         sentence = (
             f'time = {point.time:g} s: must be later than {before:g} s of the previous point'
@@ -132,15 +135,15 @@ NOT_READY: tuple[tuple[NotReady, Callable[[Condition], bool]], ...] = (
     (NotReady.HOLD, lambda condition: condition.paused or condition.tasks is Tasks.RECOVERING),
     (NotReady.NOT_STARTED, lambda condition: condition.tasks is not Tasks.RUNNING),
 )
-"""Reasons why a condition permits no motion. The first match counts, in MotoROS's order.
+"""Reasons why a condition permits no motion, in MotoROS's order. The first match counts.
 
-MotoROS has ERROR second. Here ERROR is the program's error, which an E-stop or the loss of servo
-power can have caused, and is reported when none of these applies.
+In MotoROS, ERROR is the second one. Here it is reported only if none of these applies, because
+an E-stop or the loss of servo power can have caused the error.
 """
 
 
 class TrajectoryMode:
-    """Trajectory mode, initially off. Only `begin` turns it on."""
+    """Motoman's trajectory mode, initially off."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -161,10 +164,10 @@ class TrajectoryMode:
         return NotReady.NOT_STARTED if blocked is None else NotReady.UNSPECIFIED
 
     def begin(self) -> NotReady | None:
-        """Turn the mode on. Reset an alarm and switch the servos on if needed.
+        """Turn the mode on. Reset an alarm and switch the servos on if necessary.
 
-        States that need an operator remain: the E-stop, a pause, the key switch, stopped tasks.
-        Return the remaining reason, or None.
+        Return why motion is still not possible, or None. An E-stop, a pause, MANUAL and stopped
+        tasks need an operator.
         """
         condition = self._controller.condition
         wants_person = (

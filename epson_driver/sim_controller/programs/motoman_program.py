@@ -4,32 +4,31 @@
 
 The rules (MotoROS 1.9):
 * Every message except a reply is answered immediately with a MOTION_REPLY. Its header contains
-  SUCCESS, and its result the outcome. PING has its own reply. STATUS, JOINT_FEEDBACK and
-  MOTION_REPLY, which MotoROS knows but does not serve, end the connection.
-* Points are only accepted in trajectory mode. START_TRAJ_MODE enters it, and for this resets an
-  alarm and switches the servos on. The E-stop, a pause and the key switch need an operator. The
-  mode ends with STOP_TRAJ_MODE and when the servos switch off, but not with the connection.
-* Without a client the arm stops and keeps its servos on, the mode and the points already entered.
-  Only the waiting point is discarded. The arm resumes when the next client connects, unless that
-  client sends STOP_MOTION.
+  SUCCESS, and its `result` the outcome. PING has a separate reply. STATUS, JOINT_FEEDBACK and
+  MOTION_REPLY, which MotoROS does not serve at this port, end the connection.
+* Points are only accepted in trajectory mode. START_TRAJ_MODE turns it on, resets an alarm and
+  switches the servos on. The E-stop, a pause and the key switch need an operator. The mode ends
+  with STOP_TRAJ_MODE and when the servos switch off, but not with the connection.
+* Without a client the arm stops. The servos, the mode and the points accepted by the arm remain.
+  Only waiting points are discarded. The arm resumes when the next client connects.
 * Point 0 must match the current position, and moves nothing. Each later point has the next
-  sequence and a later time, at which the arm reaches it. All have time, position and velocity.
-* BUSY: no room for the point now. The point has no effect, and the client sends it again.
-* INVALID: the point is wrong. It has no effect either, and the arm finishes the points before it.
+  sequence, and a later time, at which the arm reaches it. All need time, position and velocity.
+* BUSY: the queue has no room for the point. It has no effect, and the client sends it again.
+* INVALID: the point is wrong and has no effect. The arm completes the points before it.
 * STOP_MOTION brakes and discards all points, in every condition. The mode remains. The next point
-  is a point 0, once the arm is at rest.
+  must be a point 0, sent when the arm is at rest.
 
-Approximations:
+Differences from MotoROS:
 
-* The arm moves through the points as in any other profile. MotoROS interpolates position and
-  velocity. Here velocities are only checked against the limits, and accelerations are ignored.
+* MotoROS interpolates position and velocity. Here the arm moves through the positions as in any
+  other profile. Velocities are only checked against the limits, and accelerations are ignored.
 * CHECK_QUEUE_CNT counts the waiting points, plus one while the arm moves, instead of the
-  interpolation steps. It is 0 when no motion is left.
+  interpolation steps. It is 0 when the motion is complete.
 * STOP_SERVOS is answered immediately. MotoROS waits until the power is off.
 * After a pause the arm continues to the same points. MotoROS needs START_TRAJ_MODE again.
 * Only group 0 exists. Sequences that skip or repeat, which MotoROS does not check, are INVALID,
   and so are messages that are not requests.
-* RESET_ALARM also resets an E-stop that was released, like a reset on this controller.
+* RESET_ALARM also resets an E-stop that was released, like a reset of this controller.
 """
 
 import logging
@@ -71,7 +70,7 @@ from epson_driver.simple_message.motoman import Command, Invalid, Result
 
 
 def success(packet: Packet) -> MotionReply:
-    """Return SUCCESS with the repeated fields of a message: group, sequence, command.
+    """Return a reply with SUCCESS and the group, sequence and command of a message.
 
     The command is the message type if the message has none. Group and sequence are -1 if missing.
     """
@@ -84,12 +83,12 @@ def success(packet: Packet) -> MotionReply:
 
 
 def unreadable(msg_type: int) -> MotionReply:
-    """Return SUCCESS for a message of which only the type is known."""
+    """Return a reply with SUCCESS to a message of which only the type is known."""
     return MotionReply(-1, -1, msg_type, Result.SUCCESS)
 
 
 def too_short(frame: Frame) -> MotionReply:
-    """Return SUCCESS with the repeated fields of a frame, 0 for fields that the body lacks."""
+    """Return a reply with SUCCESS, like `success`, with 0 for fields that the body lacks."""
     if frame.msg_type not in (MessageType.MOTION_CTRL, MessageType.JOINT_TRAJ_PT_FULL):
         return unreadable(frame.msg_type)
     order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
@@ -103,12 +102,12 @@ def too_short(frame: Frame) -> MotionReply:
 
 
 def outcome(reply: MotionReply, result: Result, subcode: int = 0) -> MotionReply:
-    """Return the reply with another result."""
+    """Return a reply with another result."""
     return MotionReply(reply.robot_id, reply.sequence, reply.command, result, subcode)
 
 
 def invalid(reply: MotionReply, reason: InvalidReason) -> MotionReply:
-    """Return the reply with the result INVALID, and log why."""
+    """Return a reply with the result INVALID, and log the reason."""
     name = reason.subcode.name
     _log.warning('refused (%d, INVALID %s): %s', reason.subcode, name, reason.sentence)
     return outcome(reply, Result.INVALID, reason.subcode)
@@ -117,16 +116,16 @@ def invalid(reply: MotionReply, reason: InvalidReason) -> MotionReply:
 _log = logging.getLogger(__name__)
 
 _NOT_SERVED = (MessageType.STATUS, MessageType.JOINT_FEEDBACK, MessageType.MOTION_REPLY)
-"""Messages that MotoROS knows, but not as requests to this port."""
+"""Types of messages that end the connection, because MotoROS does not serve them here."""
 
 _Command = Callable[[MotionReply], MotionReply | None]
-"""Executes a command. Takes the SUCCESS reply and returns the reply to send, if any."""
+"""Function that executes a command. It gets a SUCCESS reply and returns the reply to send."""
 
 
 class MotomanProgram:
-    """Executes the points and commands of one client.
+    """The program of a Motoman controller.
 
-    At most `motion.pending_limit` points of the profile wait for the arm. Further ones are BUSY.
+    At most `motion.pending_limit` points of the profile wait for the arm. Further ones get BUSY.
     """
 
     def __init__(self, controller: Controller) -> None:
@@ -153,7 +152,7 @@ class MotomanProgram:
 
     @property
     def ready(self) -> bool:
-        """The answer to CHECK_MOTION_READY."""
+        """Whether motion is possible, the answer to CHECK_MOTION_READY."""
         return self._mode.missing() is None
 
     @property
@@ -163,7 +162,7 @@ class MotomanProgram:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits for `resume`."""
+        """Whether the program is paused until `resume`."""
         return self._paused
 
     def receive(self, frame: Frame) -> None:
@@ -195,20 +194,20 @@ class MotomanProgram:
                 return
 
     def abort(self) -> None:
-        """Brake, discard all points, which are already answered, and end the trajectory mode."""
+        """Brake, discard all points, and end the trajectory mode."""
         self._stop()
         self._mode.end()
 
     def restart(self) -> None:
-        """Abort. This is equivalent, because no trajectory continues after an abort."""
+        """Abort, which also ends the trajectory."""
         self.abort()
 
     def detach(self) -> None:
-        """Discard the waiting point, but keep the mode and the points that the arm has."""
+        """Discard the waiting points. The mode and the points accepted by the arm remain."""
         self._waiting.clear()
 
     def pause(self) -> None:
-        """Give the arm no more points until `resume`, and answer new ones NOT_READY, HOLD."""
+        """Supply no more points to the arm until `resume`. New points get NOT_READY, HOLD."""
         self._paused = True
 
     def resume(self) -> None:
@@ -288,7 +287,7 @@ class MotomanProgram:
         self._waiting.clear()
         self._last = None
 
-    # Commands. Each takes the SUCCESS reply.
+    # Commands. Each gets a reply with SUCCESS, and returns the reply to send.
 
     def _check_motion_ready(self, done: MotionReply) -> MotionReply:
         missing = self._mode.missing()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The points of the motion program: their checks, and their queue."""
+"""Checks of the points for `MotionProgram`, and the queue of points for the arm."""
 
 from collections import deque
 from collections.abc import Callable
@@ -30,22 +30,22 @@ from epson_driver.simple_message import (
 )
 
 MIN_VELOCITY = 1e-6
-"""Smallest valid velocity field: below it a move would take days. 0 means not specified."""
+"""Smallest valid velocity of a point, except 0 (not specified). A slower move would take days."""
 
 MAX_DURATION_S = 86_400.0
-"""Longest valid duration field, s: a day."""
+"""Longest valid duration of a point, s: a day."""
 
 
 POINT_REALS = 12
-"""Reals in a JOINT_TRAJ_PT, after the sequence: ten joints, velocity and duration."""
+"""Number of 32-bit words in a JOINT_TRAJ_PT besides the sequence."""
 
 
 def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
-    """Return the frame that a program reads in the given one, whose points have `size` bytes.
+    """Return a frame as the program reads it, or None if the program cannot read it.
 
-    Return None if it cannot be read. `accepts`: `program.accepts` of a profile.
+    accepts: the profile's `program.accepts`. size: size of the body of a JOINT_TRAJ_PT, bytes.
     """
-    minimum = size - size // POINT_REALS * 2  # without velocity and duration
+    minimum = size - size // POINT_REALS * 2  # velocity and duration may be missing
     if accepts == 'any':
         if len(frame.body) < minimum:
             return None
@@ -58,9 +58,10 @@ def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
 
 
 def numbers_rejection(point: JointTrajPt, used: FieldsUsed = FieldsUsed.BOTH) -> Rejection | None:
-    """Return why the point's numbers are invalid, or None. Unused joints count too.
+    """Return why the numbers of a point are invalid, or None.
 
-    `used`: which of velocity and duration are checked.
+    The numbers of joints that the robot does not have must be finite too. Velocity and duration
+    are checked only if the program uses them, see `used`.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
@@ -87,20 +88,17 @@ def _number_rejection(name: str, value: float) -> Rejection | None:
 
 
 def limits_rejection(point: JointTrajPt, limits: JointLimits) -> Rejection | None:
-    """Return the rejection for a joint of the point outside its limits, or None.
-
-    A limit that was rounded to float32 in transit is still inside.
-    """
+    """Return why a joint of a point is outside its limits, or None."""
     return angles_rejection(np.array(point.joints[: len(limits.names)]), limits)
 
 
 def target_of(point: JointTrajPt, limits: JointLimits) -> Array:
-    """Return the angles of a point that was not refused, shape (n,), rad, within the limits."""
+    """Return the joint angles of a point, shape (n,), rad, clipped to the limits."""
     return clipped(np.array(point.joints[: len(limits.names)]), limits)
 
 
 def sequence_of(frame: Frame) -> int:
-    """Return the sequence in a JOINT_TRAJ_PT with a wrong header, 0 if the body is wrong too."""
+    """Return the sequence in a JOINT_TRAJ_PT with an invalid header, or 0 without a valid body."""
     try:
         request = Frame(frame.msg_type, CommType.SERVICE_REQUEST, 0, frame.body, frame.byte_order)
         message = decode(request).message
@@ -111,12 +109,12 @@ def sequence_of(frame: Frame) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A point for the arm, or only a reply to send, each in its turn.
+    """An entry of the queue: a point for the arm, or only a reply to send.
 
     The arm moves to `point` (None: the entry is only a reply). `reply_to` is the sequence of the
-    request to answer (None: the point was no request). `begins`: a trajectory starts with the
-    point. `rejection`: the point is never executed, and the motion ends for that reason. Its turn
-    comes at the controller's time `ready_at`, s, or later.
+    request to answer (None: the point was not a request). `begins`: a trajectory starts with the
+    point. `rejection`: why the point must not be executed. The motion then ends before it.
+    `ready_at`: earliest time of the controller at which the entry is processed, s.
     """
 
     point: Point | None = None
@@ -127,19 +125,20 @@ class Entry:
 
 
 ROUNDING_S = 1e-9
-"""Time differences caused by rounding, s."""
+"""Maximum time difference caused by rounding, s."""
 
 
 class PointQueue:
-    """Gives the arm one entry after the other, and triggers the replies.
+    """Supplies points to the arm in order, and triggers the replies.
 
-    `answered` gets a completed entry (or, with `program.late_failure`, one that will be refused).
-    `failed` gets an entry that is refused in its turn. By then the arm is at rest, and the entry
-    is still in the queue. With `late_failure` this happens immediately, while the arm continues to
-    the earlier points, and the entry has left the queue. The controller is notified of a
-    trajectory before the arm accepts its first point. That point is skipped if it is within
-    `program.skip_first`, rad or m, of the current position. Any of these callbacks may flush the
-    queue.
+    `answered` is called with a completed entry. `failed` is called with an entry that has a
+    rejection, when the arm has come to rest at the previous point and before the entry is removed.
+    If the profile has `program.late_failure`, such an entry is first passed to `answered`, then
+    removed, then passed to `failed`, while the arm continues to the earlier points.
+
+    The controller is notified of a trajectory before the arm accepts its first point. This point
+    is skipped if each joint is within `program.skip_first`, rad or m, of its current position. Any
+    of the callbacks may flush the queue.
     """
 
     def __init__(
@@ -161,15 +160,18 @@ class PointQueue:
         self.paused = False
 
     def __len__(self) -> int:
-        """Number of waiting entries."""
+        """Return the number of waiting entries."""
         return len(self._waiting)
 
     def append(self, entry: Entry) -> None:
-        """Queue an entry. `advance` starts it in its turn."""
+        """Add an entry, which a later call of `advance` processes."""
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
-        """Brake. Return the unanswered points, and whether answered ones are lost."""
+        """Brake and empty the queue. Return the unanswered entries, and whether others are lost.
+
+        Others are points that were answered but not reached.
+        """
         lost = self._arm.stop()
         entries = [] if self._current is None else [self._current]
         entries += self._waiting
@@ -178,21 +180,17 @@ class PointQueue:
         return entries, lost
 
     def drop(self) -> None:
-        """Discard the waiting points. The arm continues to its current points."""
+        """Discard the waiting entries. The arm continues to the points that it has accepted."""
         self._waiting.clear()
 
     def detach(self) -> None:
-        """Discard the client, and the points that wait for their reply."""
+        """Discard the replies, and the points that wait for a reply."""
         if self._current is not None:
             self._current = replace(self._current, reply_to=None)
         self._waiting = deque(entry for entry in self._waiting if entry.reply_to is None)
 
     def step(self, dt: float) -> None:
-        """Advance by `dt` s, see `Program.step`.
-
-        The arm returns the remaining time when a point is done, and `advance` supplies the next
-        point.
-        """
+        """Advance the arm by `dt` s, see `Program.step`."""
         left: float | None = dt
         while left is not None:
             left = self._arm.step(left)
@@ -201,7 +199,7 @@ class PointQueue:
                 return
 
     def advance(self) -> None:
-        """Answer the completed points, and give the arm as many next points as it has room for.
+        """Answer completed entries, and supply points to the arm while it has room.
 
         Does nothing during a pause.
         """
@@ -220,7 +218,7 @@ class PointQueue:
         return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
-        """Return whether that time has come, or schedule a call of `advance` for it."""
+        """Return whether the time `ready_at`, s, has come. If not, schedule `advance` for it."""
         if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer
@@ -231,7 +229,7 @@ class PointQueue:
         return False
 
     def _begin(self, entry: Entry) -> None:
-        """Give the arm an entry's point, if the entry has one to execute."""
+        """Make an entry the current one, and supply its point, if any, to the arm."""
         self._current = entry
         if entry.point is None:
             return

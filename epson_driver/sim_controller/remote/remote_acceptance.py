@@ -16,7 +16,7 @@ from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
 
 
 class CommandError(Exception):
-    """A command that is answered with an error number. The text gives the reason."""
+    """A command is answered with an error number. The message gives the reason."""
 
     def __init__(self, number: RemoteErrorNumber, sentence: str) -> None:
         super().__init__(sentence)
@@ -24,7 +24,7 @@ class CommandError(Exception):
 
 
 class Requirement(NamedTuple):
-    """A condition for a command, with a sentence for when it is not met."""
+    """A condition for a command. `sentence` returns the reason for a refusal."""
 
     text: str
     holds: Predicate
@@ -88,7 +88,7 @@ TASKS_RUN = Requirement('tasks run', _tasks_run, _no_tasks)
 def check(
     controller: Controller, requirements: Iterable[Requirement], event: Event | None
 ) -> None:
-    """Raise RejectedError unless the controller accepts a command with `event` now."""
+    """Raise RejectedError unless all requirements are met and `event`, if any, is allowed now."""
     for requirement in requirements:
         if not requirement.holds(controller):
             raise RejectedError(requirement.sentence(controller))
@@ -97,11 +97,11 @@ def check(
 
 
 _MAX_CHARACTERS = 20
-"""Maximum length of a number. No valid parameter is longer."""
+"""Maximum length of a number in a command, characters."""
 
 
 def expect(parameters: Sequence[str], least: int, most: int | None = None) -> None:
-    """Raise CommandError (format) for fewer or more parameters."""
+    """Raise CommandError (format) unless there are `least` to `most` parameters."""
     most = least if most is None else most
     if not least <= len(parameters) <= most:
         count = str(least) if least == most else f'{least} to {most}'
@@ -110,12 +110,12 @@ def expect(parameters: Sequence[str], least: int, most: int | None = None) -> No
 
 
 def wrong(name: str, value: object, rule: str) -> CommandError:
-    """Return the error for an invalid parameter."""
+    """Return the error for an invalid parameter. `rule` states which values are valid."""
     return CommandError(RemoteErrorNumber.PARAMETER, f'{name} {value}: {rule}')
 
 
 def whole(name: str, text: str, low: int, high: int) -> int:
-    """Read a whole decimal number from `low` to `high`. Raises CommandError (parameter)."""
+    """Return a whole decimal number from `low` to `high`. Raises CommandError (parameter)."""
     digits = text.removeprefix('-')
     if digits.isascii() and digits.isdecimal() and len(text) <= _MAX_CHARACTERS:
         value = int(text)
@@ -125,7 +125,7 @@ def whole(name: str, text: str, low: int, high: int) -> int:
 
 
 def hexadecimal(name: str, text: str, high: int) -> int:
-    """Read a hexadecimal number from 0 to `high`. Raises CommandError (parameter)."""
+    """Return a hexadecimal number from 0 to `high`. Raises CommandError (parameter)."""
     if text and len(text) <= _MAX_CHARACTERS and not set(text.lower()) - set('0123456789abcdef'):
         value = int(text, 16)
         if value <= high:
@@ -134,7 +134,7 @@ def hexadecimal(name: str, text: str, high: int) -> int:
 
 
 def real(name: str, text: str, low: float, high: float) -> float:
-    """Read a number from `low` to `high`. Raises CommandError (parameter)."""
+    """Return a number from `low` to `high`. Raises CommandError (parameter)."""
     try:
         value = float(text) if len(text) <= _MAX_CHARACTERS and '_' not in text else math.nan
     except ValueError:
@@ -145,14 +145,14 @@ def real(name: str, text: str, low: float, high: float) -> float:
 
 
 def switch(name: str, text: str) -> bool:
-    """Read 0 or 1. Raises CommandError (parameter)."""
+    """Return True for 1, False for 0. Raises CommandError (parameter) for any other text."""
     if text not in ('0', '1'):
         raise wrong(name, text, 'must be 0 or 1')
     return text == '1'
 
 
 def robot(parameters: Sequence[str], all_robots: bool = True) -> None:
-    """Check that the robot is 1 or, if `all_robots`, 0 for all or omitted."""
+    """Raise CommandError unless the robot is 1. With `all_robots` it may be 0 or omitted too."""
     expect(parameters, 0 if all_robots else 1, 1)
     if parameters and parameters[0] not in (('', '0', '1') if all_robots else ('1',)):
         raise wrong('robot', parameters[0], 'must be 1, the only robot')

@@ -1,11 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of EPSON's Remote Ethernet commands. Each is one line, answered with one line.
+"""Table of EPSON's Remote Ethernet commands, and their execution.
 
-`$Cmd,parameters` is answered with `#Cmd,value` (0 for commands without a value) or `!Cmd,error`,
-with the client's spelling of the name. `$Execute` is answered when its statement has ended. Names,
-acceptance and answers follow the RC+ user's guides, Remote Ethernet, and EPSON's client for
-Node-RED. `$Sim,…` (sim_commands.py) exists in the simulation only.
+A command is one line, and so is its answer. `$Cmd,parameters` is answered with `#Cmd,value` (0 for
+commands without a value) or `!Cmd,error`, with the client's spelling of the name. `$Execute` is
+answered when its statement has ended. Names, acceptance and answers follow the RC+ user's guides,
+Remote Ethernet, and EPSON's client for Node-RED. `$Sim,…` (sim_commands.py) exists in the
+simulation only.
 """
 
 import logging
@@ -42,23 +43,23 @@ _log = logging.getLogger(__name__)
 
 _MAX_ADDRESS = 65_535
 MAX_CHARACTERS = 4060
-"""Maximum length of the input of $Execute, and of its answer (RC+ 7.0 user's guide)."""
+"""Maximum length of the text of $Execute, and of its output (RC+ 7.0 user's guide)."""
 
 _SIMULATED = 'simulated'
-"""The answer for a serial number or version of a real controller."""
+"""The answer to a query for a serial number or a version."""
 
 
 @dataclass(slots=True)
 class Dialogue:
-    """The state of one client's session. `why` explains the last rejected command.
+    """The state of one client's session. `why` is the reason for the last refused command.
 
-    `send` gets the answer of a command that takes time, without terminator.
+    `send` is called with the answer to a command that takes time, without its terminator.
     """
 
     controller: Controller
     send: Callable[[str], None]
     enter: Callable[[], None] = lambda: None
-    """Called at a login. Raises ConnectionRefusedError if another client is served exclusively."""
+    """Called before a login. Raises ConnectionRefusedError if another client is logged in."""
     logged_in: bool = False
     why: str = ''
     spelt: str = ''
@@ -70,11 +71,11 @@ Run = Callable[[Dialogue, list[str]], str | None]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A remote command, whose `run` returns its value or None.
+    """A remote command. `usage`: its parameters. `text`: its description.
 
-    `event` is applied after `run` has checked the parameters. With `whole`, all text after the
-    first comma is one parameter. `beside`: the command is accepted during the execution of a
-    statement.
+    `run` executes the command and returns its value, if any. If the command has an `event`, `run`
+    only checks the parameters, and then the event is applied. With `whole`, all text after the
+    first comma is one parameter. `beside`: the command is accepted while a statement is executed.
     """
 
     usage: str
@@ -87,13 +88,13 @@ class Command:
 
 
 class _LaterError(Exception):
-    """The answer follows later."""
+    """The command takes time. Its answer is sent later."""
 
 
 def answer(dialogue: Dialogue, line: str) -> str | None:
     """Execute one line and return the answer, both without their terminator.
 
-    None: the command takes time, and `dialogue.send` gets the answer.
+    Return None if the command takes time. `dialogue.send` is then called with the answer.
     """
     spelt, comma, rest = line.removeprefix('$').partition(',')
     dialogue.spelt = spelt = spelt.strip()
@@ -216,7 +217,7 @@ def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
 
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
-    """Execute the text between the first and the last quote. It may contain quotes."""
+    """Execute the text between the first and the last quote, which may contain quotes."""
     given = parameters[0] if parameters else ''
     if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
         raise CommandError(RemoteErrorNumber.FORMAT, 'statements must be in double quotes')
@@ -227,7 +228,7 @@ def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
 
 
 def _begin(dialogue: Dialogue, text: str) -> str | None:
-    """Start statements. Return their output if they end immediately."""
+    """Start a statement and return its output. Raises _LaterError if it takes time."""
     over: list[str | SpelError] = []
     late, spelt = False, dialogue.spelt
 
@@ -344,7 +345,7 @@ _SOUND = (
     requirements.NO_ERROR,
     requirements.READY,
 )
-"""Requirements of commands. The first one that is not met is reported."""
+"""Requirements of commands. The first requirement that is not met is reported."""
 
 
 _SPACES = {
@@ -353,7 +354,7 @@ _SPACES = {
 }
 _SIZES = {'': (1, 'bit'), 'Byte': (BYTE_BITS, 'port'), 'Word': (WORD_BITS, 'word')}
 _SET_WHEN_READY = ('SetIO', 'SetIOByte')
-"""The other commands that set something need AUTO as well."""
+"""Commands that need only Ready. The other commands that set I/O also need AUTO."""
 
 
 def _io_commands() -> dict[str, Command]:
@@ -381,7 +382,7 @@ COMMANDS: dict[str, Command] = {
     'Start': Command('0', 'start the tasks', _SOUND, _start, Event.START),
     'Stop': Command('', 'stop the tasks', _AUTO, _plain, Event.STOP),
     'Pause': Command('', 'pause the tasks', (*_AUTO, requirements.TASKS_RUN), _plain, Event.PAUSE),
-    'Continue': Command('', 'go on', (*_AUTO, requirements.PAUSED), _plain, Event.CONTINUE),
+    'Continue': Command('', 'resume tasks', (*_AUTO, requirements.PAUSED), _plain, Event.CONTINUE),
     'Reset': Command('', 'clear E-stop and error', _IDLE, _plain, Event.RESET),
     'SetMotorsOn': Command('robot', 'motors on', _SAFE, _robot, Event.MOTORS_ON),
     'SetMotorsOff': Command('robot', 'motors off', _OFF, _robot, Event.MOTORS_OFF),

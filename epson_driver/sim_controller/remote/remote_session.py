@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The remote port: one client's lines to Remote Ethernet commands, the answers back.
+"""The session of one client of the remote port: lines with commands, and their answers.
 
-A line ends with CR LF, LF or CR. A client that does not log in, or sends nothing for too long
-afterwards, is disconnected, like on a real controller.
+A line ends with CR LF, LF or CR. Like on a real controller, a client is disconnected if it does
+not log in, or sends nothing for too long after the login.
 """
 
 import logging
@@ -16,7 +16,7 @@ from epson_driver.sim_controller.ports import Send
 from epson_driver.sim_controller.remote.remote_commands import MAX_CHARACTERS, Dialogue, answer
 
 MAX_LINE_CHARACTERS = MAX_CHARACTERS + len('$Execute,""')
-"""Maximum characters of a line without its end. A longer line disconnects the client."""
+"""Maximum length of a line without its end. A client that sends a longer one is disconnected."""
 
 LOGIN_TIMEOUT_S = 300.0
 """Time allowed for a client to log in, s."""
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class RemoteSession:
-    """Serves one remote client, with a separate login. There may be several."""
+    """The session of one remote client, with a separate login. Several can exist at a time."""
 
     def __init__(
         self,
@@ -56,16 +56,16 @@ class RemoteSession:
 
     @property
     def obeyed(self) -> bool:
-        """Whether a command was accepted: a login, or a command for the simulation."""
+        """Whether a command of the client was accepted, such as a login or `$Sim,…`."""
         return self._obeyed
 
     @property
     def heard(self) -> float:
-        """Time of the last command, or else of the connection, on the controller's clock, s."""
+        """Time of the last command or, without any, of the connection, s."""
         return self._received
 
     def receive(self, data: bytes) -> None:
-        """Answer every line that is complete now."""
+        """Answer every complete line."""
         for byte in data:
             if not self._open:
                 return
@@ -80,7 +80,7 @@ class RemoteSession:
                 self._end(f'a line of more than {MAX_LINE_CHARACTERS} characters')
 
     def closed(self) -> None:
-        """Stop sending after the client has disconnected."""
+        """End the session after the client has disconnected."""
         self._open = False
         self._line.clear()
         if self._timer is not None:
@@ -102,7 +102,7 @@ class RemoteSession:
             self._reply(reply)
 
     def _reply(self, reply: str) -> None:
-        if self._open:  # a command may end the connection, or outlast it
+        if self._open:  # the connection may have ended during the command
             shown = (sign if sign.isprintable() or sign in '\r\n' else '?' for sign in reply)
             self._send(''.join(shown).encode() + b'\r\n')
             self._watch()
@@ -113,9 +113,9 @@ class RemoteSession:
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
-        """Set the timer that disconnects a client after a long silence.
+        """Set the timer that disconnects the client after a long silence.
 
-        An existing timer that is early enough is kept, so the number of timers stays small.
+        An existing timer remains if it is due early enough, so the number of timers stays small.
         """
         due = self._received + self._allowed_silence
         if not self._allowed_silence or (self._timer is not None and self._timer.due <= due):

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`$Sim,…`: buttons, door, pushes, faults and data that exist only in a simulation.
+"""`$Sim,…` commands: operator actions, faults, and data of the simulation.
 
-`;` separates the parts of an answer, and `=` separates name and value of a part.
+In an answer, `;` separates the parts, and `=` separates the name and the value of a part.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ IO_KINDS = {
     'AO': IoType.ANALOG_OUTPUT,
     'flag': IoType.FLAG,
 }
-"""Names of the I/O types. Analogue points are in mV. Flags are memory I/O."""
+"""Name in commands → I/O type. Analogue points are in mV. Flags are memory I/O."""
 
 _INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
 _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
@@ -43,7 +43,7 @@ _MAX_PUSH = 360.0  # degrees, or mm
 
 
 class SimCommand(NamedTuple):
-    """A command after `$Sim`: its form, and the function that gets its parameters."""
+    """A command after `$Sim,`: its form, its description, and the function that executes it."""
 
     usage: str
     text: str
@@ -51,9 +51,9 @@ class SimCommand(NamedTuple):
 
 
 def simulate(controller: Controller, parameters: list[str]) -> str | None:
-    """Execute `$Sim,parameters` and return its value, or None without one.
+    """Execute `$Sim,parameters` and return its value, or None if it has none.
 
-    Raises CommandError or RejectedError.
+    Raises CommandError if a parameter is invalid, RejectedError if the controller refuses it now.
     """
     name = parameters[0].lower() if parameters else ''
     if name not in SIM_COMMANDS:
@@ -116,7 +116,7 @@ def _io(controller: Controller, parameters: list[str]) -> str | None:
 
 
 def _points(controller: Controller, name: str) -> str:
-    """Return the number of points, and the points that are on or their analogue values."""
+    """Return the number of points, and the indices of those that are on, or analogue values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
     for result in controller.io.ranges():
@@ -206,7 +206,7 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         'start a fault, list the active ones, clear one or all (replies their number)',
         _fault,
     ),
-    'reboot': SimCommand('reboot[,seconds]', 'the fault reboot: off and on again', _reboot),
+    'reboot': SimCommand('reboot[,seconds]', 'the fault `reboot`: a power cycle', _reboot),
     'identity': SimCommand('identity', 'profile and robot model', _identity),
     'condition': SimCommand('condition', 'condition of the controller by region', _condition),
     'joints': SimCommand('joints', 'commanded joint positions, degrees or mm', _joints),
@@ -217,4 +217,4 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         _timing,
     ),
 }
-"""Name → command. remote_commands.py has `$Sim,why` and `$Sim,print`, which concern the client."""
+"""Name → command. remote_commands.py adds `$Sim,why` and `$Sim,print`, which need the session."""

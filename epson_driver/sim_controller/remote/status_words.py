@@ -1,15 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The status words of a SPEL+ controller, bit by bit: GetStatus, CtrlInfo, RobotInfo, Stat.
+"""The bits of a SPEL+ controller's status: GetStatus, CtrlInfo, RobotInfo and Stat.
 
-Each word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide, Remote
-Ethernet; the eleven flags of the RC700 generation.)
+Each status word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide,
+Remote Ethernet; the eleven flags of the RC700 generation.)
 
-Two things differ from a real controller. First, the tasks of the built-in programs run permanently
-here and would prevent a real controller from being ready. The flags therefore refer to the arm:
-Running means that the arm moves or has a target, Ready that it does not. With a SPEL+ program they
-are like on a real controller: Ready when no task except background tasks runs. Second, the
-simulation has no warnings.
+Two things differ from a real controller. The tasks of the built-in programs run permanently, so a
+real controller would never be Ready. With them, Running therefore means that the arm moves or has
+a target, and Ready that it does not. With a SPEL+ program the controller is Ready when no task
+except background tasks runs, like a real one. The second difference is that warnings do not exist.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,15 +19,16 @@ from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
 from epson_driver.sim_controller.core import Controller
 
 CONTROL_DEVICE = 26
-"""The control device of CtrlInfo(5): Remote Ethernet."""
+"""Number of Remote Ethernet as a control device in CtrlInfo(5)."""
 
 Predicate = Callable[[Controller], bool]
 
 
 def running(controller: Controller) -> bool:
-    """Return whether the arm moves, has points, or returns to where it was interrupted.
+    """Return whether the controller is Running and not paused.
 
-    With a SPEL+ program: whether any task except background tasks runs.
+    It is if the arm moves, has points or returns after an open door, or if a SPEL+ task other than
+    a background task runs.
     """
     condition = controller.condition
     moves = controller.moving or condition.tasks is Tasks.RECOVERING
@@ -36,14 +36,14 @@ def running(controller: Controller) -> bool:
 
 
 def ready(controller: Controller) -> bool:
-    """Return whether nothing runs and nothing is paused."""
+    """Return whether the controller is neither Running nor paused."""
     return not running(controller) and not controller.condition.paused
 
 
 def error(controller: Controller) -> bool:
-    """Return whether the controller is in error, or shows an error number.
+    """Return whether the controller has an error or shows an error number.
 
-    Tasks stopped by a person can be started again, so stopped tasks are not an error.
+    Its number for stopped tasks does not count, because they can be started again.
     """
     number = controller.error_number
     if controller.condition.tasks is Tasks.STOPPED and number == ErrorNumber.TASK_ABORTED:
@@ -52,7 +52,7 @@ def error(controller: Controller) -> bool:
 
 
 def never(_controller: Controller) -> bool:
-    """Return False, for flags that the simulation does not have."""
+    """Return False, for flags that the simulation never sets."""
     return False
 
 
@@ -95,7 +95,7 @@ def motors_on(controller: Controller) -> bool:
 
 
 def power_high(controller: Controller) -> bool:
-    """Return whether the power is high."""
+    """Return whether the motors are at high power."""
     return controller.condition.power is Power.HIGH
 
 
@@ -129,7 +129,7 @@ FLAGS: dict[str, Predicate] = {
     'Running': running,
     'Ready': ready,
 }
-"""The flags of GetStatus, from left to right."""
+"""The flags in the answer to GetStatus, from left to right."""
 
 CTRL_INFO_1: dict[int, Predicate] = {
     0x1: ready,
@@ -143,10 +143,10 @@ CTRL_INFO_1: dict[int, Predicate] = {
     0x2000: _in(Tasks.WAIT_RECOVER),
     0x4000: _in(Tasks.RECOVERING),
 }
-"""CtrlInfo(1): the controller's state. 0x1000 is a warning."""
+"""Bits of CtrlInfo(1), the controller's state. 0x1000 is a warning."""
 
 CTRL_INFO_7: dict[int, Predicate] = {0x1: _not(_manual)}
-"""CtrlInfo(7): 0 program (MANUAL), 1 AUTO."""
+"""Bits of CtrlInfo(7), the operation mode: 1 in AUTO, 0 in program mode (MANUAL)."""
 
 ROBOT_INFO_0: dict[int, Predicate] = {
     0x2: _resettable,
@@ -158,10 +158,10 @@ ROBOT_INFO_0: dict[int, Predicate] = {
     0x400: _held,
     0x4000: never,
 }
-"""RobotInfo(0).
+"""Bits of RobotInfo(0), the robot's state.
 
-0x100: the robot halts. 0x200: it moves or is paused in a motion. 0x400: it was stopped by pause or
-door. 0x4000: it was stopped by Till.
+0x100: at rest. 0x200: in motion, or paused in a motion. 0x400: stopped by a pause or the door.
+0x4000: stopped by Till.
 """
 
 STAT_0: dict[int, Predicate] = {
@@ -175,10 +175,10 @@ STAT_0: dict[int, Predicate] = {
     0x400000: _not(door_open),
     0x800000: never,
 }
-"""Stat(0): tasks 1 to 16, then the controller's state. 0x800000 is the enable switch."""
+"""Bits of Stat(0): tasks 1 to 16, then the controller's state. 0x800000 is the enable switch."""
 
 STAT_1: dict[int, Predicate] = {0x10: motors_on}
-"""Stat(1): the robot's state. The bits for reached positions are not simulated."""
+"""Bits of Stat(1), the robot's state. The bits for reached positions are not simulated."""
 
 
 def word(table: Mapping[int, Predicate], controller: Controller) -> int:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Legs of motion statements: lines of the tool or of the joints, and arches."""
+"""The legs of a motion statement: straight in joint space, or a line or arc of the tool."""
 
 import logging
 import math
@@ -29,20 +29,20 @@ _log = logging.getLogger(__name__)
 
 _MM = 1000.0
 SHORTEST_PATH = 1e-6
-"""Length below which a path has no translation, only a change of orientation, m."""
+"""Shortest translation, m, or rotation, rad, of a path. Smaller ones count as none."""
 
 JERK_PER_ACCELERATION = 10.0
-"""1/s: a ramp of 0.1 s."""
+"""Ratio of jerk to acceleration of the tool, 1/s, which makes an acceleration ramp take 0.1 s."""
 
 LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
-"""Maximum SpeedS and AccelS at low power: their defaults."""
+"""Maximum SpeedS, mm/s, and AccelS, mm/s², at low power."""
 
 TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
-"""Assumed initial values of SpeedR and AccelR."""
+"""Assumed initial values of SpeedR, degrees/s, and AccelR, degrees/s²."""
 
 
 class JointLeg:
-    """Straight line in joint space from one position, shape (n,), rad, to another or the same."""
+    """A straight line in joint space between two positions, shape (n,), rad, possibly equal."""
 
     length = 0.0
 
@@ -53,11 +53,11 @@ class JointLeg:
 
     @property
     def point(self) -> Point:
-        """The end as a point for the arm, at rest."""
+        """The end of this leg as a point for the arm, with a stop."""
         return rest_at(self.end)
 
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the limits under Speed and Accel, and their maximum along the path."""
+        """Return the joint limits under Speed and Accel, and those of the speed along this leg."""
         way = np.abs(self.end - self.begin)
         limits = _shared(self._model.limits, *self._shares(way, low_power, share))
         with np.errstate(divide='ignore'):
@@ -67,7 +67,7 @@ class JointLeg:
         return limits, CurveSpeed(float(v), float(a), float(j))
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion:
-        """Return the motion from the current position."""
+        """Return the motion of this leg alone, starting at rest at `start`."""
         speed, accel = self._shares(self.end - start, low_power, 1.0)
         return go(self._model.limits, start, self.end, speed, accel)
 
@@ -80,9 +80,10 @@ class JointLeg:
 
 
 class StraightLeg:
-    """A line or an arc of the tool to a point, from the previous position or from that of a pause.
+    """A line or an arc of the tool to the point `target`.
 
-    `turning`: SpeedR and AccelR apply.
+    `samples` are joint positions along `path`, shape (k, n), rad. `turning`: SpeedR and AccelR
+    limit the motion, instead of SpeedS and AccelS.
     """
 
     def __init__(
@@ -103,15 +104,19 @@ class StraightLeg:
 
     @property
     def point(self) -> Point:
-        """The end as a point for the arm, at rest."""
+        """The end of this leg as a point for the arm, with a stop."""
         return replace(rest_at(self.end), path=self.from_rest)
 
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits, and the tool limits of SpeedS/AccelS or SpeedR/AccelR."""
+        """Return the joint limits, and the limits of the tool's speed along this leg."""
         return _limits(self._robot, low_power), self._speed(self._robot, self._path, low_power)
 
     def motion(self, start: Array, low_power: bool) -> CurveMotion:
-        """Return the motion. Raises SpelError, ValueError."""
+        """Return the motion from rest at `start`, shape (n,), rad.
+
+        If the leg was paused, `start` is not its begin, and the motion is a new straight line.
+        Raises SpelError or ValueError if no such line is possible.
+        """
         curve, path = self.curve, self._path
         if not np.allclose(start, self.begin, rtol=0.0, atol=1e-9):
             samples, path = self._robot.points.path_to(self._target, start)
@@ -120,7 +125,7 @@ class StraightLeg:
         return go_along(_limits(self._robot, low_power), curve, speed)
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return the motion. It is slow and in joint space if no line is possible."""
+        """Return the motion like `motion`, or slow and in joint space if no line is possible."""
         try:
             return self.motion(start, low_power)
         except (SpelError, ValueError) as error:
@@ -135,10 +140,10 @@ def over(
     legs: Sequence[JointLeg | StraightLeg],
     heights: tuple[float, float],
 ) -> Sequence[Point]:
-    """Return the points up, across and down, with stops between them or as one rounded arch.
+    """Return the points of a jump up, across and down, with stops between them or as one arch.
 
-    heights: of the moves up and down, m. The corners are rounded if both exceed the heights of the
-    arch (p477).
+    heights: heights of the moves up and down, m. The corners are rounded if both heights exceed
+    those of the arch (p477).
     """
     arch = [request.numbers.get(item, math.inf) / _MM for item in ('depart', 'approach')]
     gate = [leg.point for leg in legs]
@@ -158,7 +163,7 @@ def over(
 
 
 def rest_at(joints: Array) -> Point:
-    """Return joint angles, shape (n,), rad, as a point for the arm, with a stop."""
+    """Return a point for the arm with a stop at joint angles, shape (n,), rad."""
     return Point(0, joints, 0.0, 0.0)
 
 
@@ -172,7 +177,7 @@ def _shared(limits: JointLimits, speed: float, accel: float) -> JointLimits:
 
 
 def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits of SpeedS and AccelS."""
+    """Return the limits along a path, 1/s, 1/s², 1/s³, according to SpeedS and AccelS."""
     speed = robot.controller.spel.values('SpeedS')[0]
     accel = robot.controller.spel.values('AccelS')[0]
     if low_power:
@@ -182,7 +187,7 @@ def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpee
 
 
 def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits of SpeedR and AccelR."""
+    """Return the limits along a path, 1/s, 1/s², 1/s³, according to SpeedR and AccelR."""
     speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
     accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
     angle = math.degrees(max(path.angle, SHORTEST_PATH))

@@ -5,7 +5,8 @@
 The N series stays on the path and turns its joints as far as necessary (SING_VSD, p158). Other
 six-axis arms pass a singularity of the wrist or the hand on a different path (SING_THRU, p158),
 which the manual does not specify. Here the tool position stays on its line, and the orientation
-deviates while joint 5, or the wrist's distance from joint 1's axis, passes straight through 0.
+deviates while joint 5, or the distance of the wrist from joint 1's axis, changes linearly through
+0.
 """
 
 import math
@@ -19,20 +20,24 @@ from epson_driver.tool_motion.pose_path import PosePath
 
 STEP_M = 0.02
 STEP_RAD = 0.1
-"""Initial sample spacing along a line. The spline between samples deviates by some micrometres."""
+"""Initial sample spacing along a path, m and rad. The spline between the samples then deviates
+from the path by some micrometres."""
 
 MIN_LOOKS, MAX_LOOKS = 10, 500
 FINER = 4
-"""Factor of the sample density after a joint jumps between two samples."""
+"""Factor by which the number of samples increases if a joint jumps between two samples."""
 
 MAX_JOINT_STEP = 0.3
-"""Largest change of a joint between two samples, rad or m. A larger change is a jump."""
+"""Maximum change of a joint between two samples, rad or m. A larger change is a jump."""
 
 NEAR_WRIST_RAD = math.radians(10.0)
-"""Joint 5 this close to 0 is near a singularity: initial SingularityAngle (p158)."""
+"""Angle of joint 5 below which the arm is near a wrist singularity: SingularityAngle (p158)."""
 
 NEAR_HAND_M = 0.03
-"""Distance of the wrist from joint 1's axis near a singularity: initial SingularityDist (p158)."""
+"""Distance of the wrist from joint 1's axis below which the arm is near a hand singularity, m.
+
+It is the initial value of SingularityDist (p158).
+"""
 
 MAX_TURN_RAD = 2.0 * NEAR_WRIST_RAD
 """Maximum deviation of the tool's orientation from its path."""
@@ -41,10 +46,10 @@ ON_LINE_M, TRIES = 1e-9, 10
 
 
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, through: bool) -> Array:
-    """Return joint angles at even fractions of a path, from those at its start: shape (k, n).
+    """Return joint angles, shape (k, n), at even fractions of a path. The first row is `start`.
 
-    through: whether a singularity is passed on a different path. Raises ValueError with the reason
-    if no solution exists, and KinematicsError.
+    through: whether a singularity may be passed on a different path. Raises ValueError if no
+    solution exists, KinematicsError if the robot has no inverse kinematics.
     """
     longest = max(path.length / STEP_M, path.angle / STEP_RAD)
     looks = min(max(math.ceil(longest), MIN_LOOKS), MAX_LOOKS)
@@ -68,7 +73,7 @@ class _Looks:
             path.pose(fraction) for fraction in np.linspace(0.0, 1.0, looks + 1).tolist()
         ]
         self._rows = [start]
-        self._behind = 0  # number of samples whose singularities are passed
+        self._behind = 0  # index of the sample after the last singularity that was passed
 
     def joints(self, through: bool) -> Array:
         while (place := len(self._rows)) < len(self._poses):
@@ -84,7 +89,10 @@ class _Looks:
         return np.array(self._rows)
 
     def _passed(self) -> bool:
-        """Try to go through the last singularity. Return whether it succeeded."""
+        """Replace the last samples with a path through the singularity near them, if possible.
+
+        Return whether this succeeded.
+        """
         start = len(self._rows) - 1
         while start > self._behind and not self._near(self._rows[start]):
             start -= 1
@@ -118,7 +126,10 @@ class _Looks:
         return bool(np.any(np.abs(self._sides(joints)) < (NEAR_HAND_M, NEAR_WRIST_RAD)))
 
     def _between(self, begin: int, end: int, entry: Array, leave: Array) -> Iterator[Array]:
-        """Yield joint angles with the tool position on its line, nearly evenly between two."""
+        """Yield joint angles nearly evenly from `entry` to `leave`, with the tool on its line.
+
+        Stop early if a joint leaves its range or the orientation deviates too far.
+        """
         limits = self._kinematics.model.limits
         for index in range(begin + 1, end):
             joints = entry + (leave - entry) * (index - begin) / (end - begin)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion statements for the arm: from point to point, along lines and arcs."""
+"""Conversion of SPEL+ motion statements to points for the arm."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -32,9 +32,10 @@ ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
 
 
 def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the consecutive targets of a statement. Raises SpelError."""
+    """Return the consecutive points of a statement. Raises SpelError."""
     first, *others = MOVES[request.name](robot, request)
-    if robot.motion.passes and request.name != 'pass' and first.path is None:  # from rest (p604)
+    # After Pass, a motion other than Pass starts from rest (p604).
+    if robot.motion.passes and request.name != 'pass' and first.path is None:
         first = replace(first, path=JointLeg(robot, robot.motion.start, first.target).from_rest)
     return [first, *others]
 
@@ -45,7 +46,7 @@ def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint]:
-    """Return the points as LJM converts them, each from the previous one (p479)."""
+    """Return the points of a statement, converted by its LJM parameter, if any (p479)."""
     near, result = robot.motion.start, list(request.points)
     if (number := request.numbers.get('ljm')) is not None:
         for index, point in enumerate(result):
@@ -55,7 +56,7 @@ def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint
 
 
 def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Up to LimZ, across, and down, with stops between or rounded corners of an arch."""
+    """Return the points of Jump: up to LimZ, across, and down, with stops or as one arch."""
     model = robot.controller.model
     if model.kind != SCARA:
         raise bad('Jump', f'only a SCARA can, but {model.name} is not one: use Go')
@@ -112,7 +113,7 @@ def _line(
 
 
 def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
-    """Return the midpoint of an arc from its point, angle, radius or centre (p104 to p109).
+    """Return the intermediate point of an arc, from its point, angle, radius or centre (p104-109).
 
     Raises SpelError.
     """
@@ -151,7 +152,10 @@ def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPo
 
 
 def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
-    """Return the target of TGo, TMove (tool frame), BGo, BMove (base frame)."""
+    """Return a request with the absolute target of TGo, TMove, BGo or BMove.
+
+    TGo and TMove are relative to the tool frame, BGo and BMove to the base frame.
+    """
     by = robot.points.stored(request.points[-1])
     here = robot.points.place(robot.motion.start)
     if request.name[0] == 't':
@@ -163,7 +167,7 @@ def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
 
 
 def _kept(robot: RobotContext, place: SpelPoint) -> SpelPoint:
-    """Return a place with the arm's posture (p163), or for six axes the nearest one."""
+    """Return a Cartesian point with the current posture (p163), or with six axes, the nearest."""
     return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
 
@@ -176,7 +180,7 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 
 
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Straight to the first point, across to the second, straight to the third (p476)."""
+    """Return the points of Jump3: up and down on lines of the tool (p476)."""
     depart, approach, target = _least_motion(robot, request)
     rise = _line(robot, request, depart, robot.motion.start)
     span: StraightLeg | JointLeg
@@ -189,10 +193,10 @@ def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Along the tool's Z, across by its X and Y, and along Z to the point (p481)."""
+    """Return the points of JumpTLZ: along the tool's Z axis, across, and along Z (p481)."""
     model = robot.controller.model
     if robot_type(model) != N_SERIES:
-        raise bad('JumpTLZ', f'only the N series has it; {model.name}: use Jump3')
+        raise bad('JumpTLZ', f'{model.name} is not of the N series: use Jump3')
     here, target = robot.points.place(robot.motion.start), robot.points.stored(request.points[-1])
     step = request.numbers['tlz']
     x, y, *_ = within(here, target).values
@@ -201,7 +205,7 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Near the points, not over them: a motion starts while the previous one decelerates."""
+    """Return the points of Pass: each motion starts while the previous one decelerates."""
     near, result = robot.motion.start, []
     for point in _least_motion(robot, request):
         near = robot.points.joints(point, near)
@@ -210,7 +214,7 @@ def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """JTran and PTran: one joint by degrees (mm) or pulses."""
+    """Return the target of JTran or PTran, which move one joint by degrees (mm) or pulses."""
     joint = robot.joint(request.name, request.numbers['joint'])
     model = robot.controller.model
     unit = model.shown_per_unit if request.name == 'jtran' else robot.points.pulses_per_unit
@@ -221,7 +225,7 @@ def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
-    """All joints together, because Hordr is not simulated."""
+    """Return the home position. All joints move together, because Hordr is not simulated."""
     home = robot.controller.spel.home
     if home is None:
         raise SpelError(
@@ -249,4 +253,4 @@ MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'jtran': _one_joint,
     'ptran': _one_joint,
 }
-"""Name of a statement that moves this arm → function that returns the points of the motion."""
+"""Name of a motion statement → function that returns its points."""

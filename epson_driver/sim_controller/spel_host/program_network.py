@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The TCP ports of a SPEL+ program, as its port objects 201 to 216.
+"""The TCP ports that a SPEL+ program opens, its port objects 201 to 216.
 
-A program that has opened a port object as a server gets the next client of that TCP port. After
-losing its client, it serves no other until the program closes and reopens the port, like real
-controllers. Their handling of a new client after the task of the port has ended is not documented.
-Here the client is refused, because no task would answer it.
+A port object that the program has opened as a server serves the next client of its TCP port. Like
+on real controllers, it serves no other client until the program closes and reopens it. The manual
+does not document new clients after the end of the task that opened the port. Here they are
+refused, because no task would answer them.
 """
 
 import logging
@@ -15,7 +15,7 @@ from epson_driver.sim_controller.ports import ClientSession, Send, Session
 from epson_driver.spel import NetSettings, SpelError
 
 MAX_UNREAD_BYTES = 65_536
-"""Maximum unread bytes from a client. A client that exceeds it is disconnected."""
+"""Maximum number of unread bytes from a client. A client that exceeds it is disconnected."""
 
 OPEN_FAILED = 2900
 NO_PEER = 2902
@@ -34,11 +34,11 @@ class PortObject(Session):
         self.client = client
         self.connected = False
         self.taken = False
-        """Whether it has, or had, a client."""
+        """Whether the port object has, or had, a client."""
         self.orphaned = False
-        """Whether the task that opened it has ended."""
+        """Whether the task that opened the port object has ended."""
         self.wanted = True
-        """Whether the program has not closed it."""
+        """Whether the program has not closed the port object."""
         self.unread = bytearray()
         self._news = news
         self._send: Send | None = None
@@ -46,11 +46,11 @@ class PortObject(Session):
 
     @property
     def tcp_port(self) -> int:
-        """The TCP port of SetNet."""
+        """The TCP port that the program set with SetNet."""
         return self.settings.tcp_port
 
     def begin(self, send: Send, close: Callable[[], None]) -> None:
-        """Serve a client."""
+        """Start the session with a connected client."""
         self.connected = self.taken = True
         self._send, self._close = send, close
         self._news()
@@ -68,7 +68,7 @@ class PortObject(Session):
         self._news()
 
     def send(self, data: bytes) -> None:
-        """Send to the client. Raises SpelError if it has disconnected."""
+        """Send bytes to the client. Raises SpelError if it has disconnected."""
         if self._send is None:
             raise SpelError(NO_PEER, f'TCP port {self.settings.tcp_port} has no peer')
         self._send(data)
@@ -80,7 +80,7 @@ class PortObject(Session):
         self._news()
 
     def end(self) -> None:
-        """Close the client's connection, if any."""
+        """Close the connection with the client, if any."""
         self.wanted = False
         close = self._close
         self.closed()
@@ -92,10 +92,10 @@ class ProgramNetwork:
     """The network ports that a SPEL+ program opens with OpenNet.
 
     `names`: TCP port in the program → name of the controller's port. The name of any other port is
-    its number. `listen` is called with this number when the program first opens the port as a
+    its number. `listen` is called with this number when the program first opens such a port as a
     server, and may raise OSError. `connect` is called with each port that the program opens as a
-    client. If `connect` is None, such a client is connected to the program's own server of the
-    same TCP port, if any.
+    client. If it is None, such a port is connected to the program's own server port, if any.
+    `news` is called when a port object has changed.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:
@@ -107,7 +107,7 @@ class ProgramNetwork:
         self.news: Callable[[], None] = _nothing
 
     def name(self, tcp_port: int) -> str:
-        """Return the name of a TCP port of the program."""
+        """Return the name of a TCP port."""
         return self._names.get(tcp_port, str(tcp_port))
 
     # Clients
@@ -126,7 +126,7 @@ class ProgramNetwork:
         return None
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Serve an accepted client."""
+        """Return the session of a client for which `rejection` returns None."""
         result = self._open(port)
         if result is None:
             raise ConnectionRefusedError(self.rejection(port))
@@ -139,7 +139,7 @@ class ProgramNetwork:
     # The program
 
     def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
-        """Serve clients of a TCP port. Raises SpelError."""
+        """Open a port object as a server or a client. Raises SpelError if this is not possible."""
         tcp_port = settings.tcp_port
         if tcp_port == 0:
             text = f'port {port} has no TCP port: SetNet gives it one, or --net'
@@ -168,7 +168,7 @@ class ProgramNetwork:
             self._meet()
 
     def _meet(self) -> None:
-        """Connect waiting clients with the server of the same TCP port."""
+        """Connect the program's client ports with its server ports of the same number."""
         for client in self._objects.values():
             server = self._open(self.name(client.tcp_port)) if client.client else None
             if server is None or client.taken or server.taken or server.orphaned:
@@ -183,9 +183,9 @@ class ProgramNetwork:
             result.end()
 
     def release_owner(self, port: int) -> None:
-        """Refuse new clients, because the task that opened a port object has ended.
+        """Refuse new clients of a port object, because the task that opened it has ended.
 
-        A connected client stays connected without answers until a task closes or reopens the port.
+        A connected client remains connected until a task closes or reopens the port.
         """
         result = self._objects.get(port)
         if result is not None:
@@ -202,19 +202,19 @@ class ProgramNetwork:
         return result is not None and result.connected
 
     def received(self, port: int) -> bytes:
-        """Return the client's unread bytes."""
+        """Return the unread bytes of a port object."""
         result = self._objects.get(port)
         return bytes(result.unread) if result is not None else b''
 
     def take(self, port: int, count: int) -> bytes:
-        """Remove and return the first unread bytes."""
+        """Remove and return the first `count` unread bytes of a port object."""
         unread = self._objects[port].unread
         data = bytes(unread[:count])
         del unread[:count]
         return data
 
     def send(self, port: int, data: bytes) -> None:
-        """Send to the client. Raises SpelError 2902 if it has disconnected."""
+        """Send bytes to the client of a port object. Raises SpelError 2902 without a client."""
         result = self._objects.get(port)
         if result is None:
             raise SpelError(NO_PEER, f'port {port} has no peer')
@@ -222,7 +222,7 @@ class ProgramNetwork:
 
 
 def _nobody(_port: object) -> None:
-    """Do nothing, because clients connect automatically without sockets."""
+    """Do nothing, because without sockets clients call `session`."""
 
 
 def _nothing() -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements that set up the robot, as one table: motors, power, speeds, stopping."""
+"""Table of SPEL+ statements for the robot other than motions: motors, power, speeds, tools."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,14 +18,14 @@ Words = tuple[str, ...]
 Run = Callable[[RobotContext, Arguments, Words], Completion | None]
 
 _IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)}
-"""Statements that are accepted without an effect, because the simulation lacks their subject."""
+"""Statements in lower case that have no effect in the simulation."""
 
 
 MM = 1000.0
 
 
 class ConditionCompletion:
-    """A completion that is reached once a condition is met."""
+    """The completion of a statement that ends when a condition is met."""
 
     error: SpelError | None = None
 
@@ -34,19 +34,22 @@ class ConditionCompletion:
 
     @property
     def done(self) -> bool:
-        """Return whether it has completed."""
+        """Whether the statement has ended."""
         return self._holds()
 
     @property
     def fraction(self) -> float:
-        """Completed fraction of the motion: 0, or 1 when it has ended."""
+        """Completed fraction: 0, or 1 after the end."""
         return float(self.done)
 
 
 def command(
     robot: RobotContext, name: str, arguments: Arguments, words: Words
 ) -> Completion | None:
-    """Execute a statement by its name in lower case. Raises SpelError."""
+    """Execute a statement, by its name in lower case. Return its completion if it takes time.
+
+    Raises SpelError.
+    """
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
         return None
@@ -58,7 +61,7 @@ def command(
 def apply(
     controller: Controller, event: Event, number: ErrorNumber = ErrorNumber.MOTORS_OFF
 ) -> None:
-    """Apply an event. Raises SpelError with the number and the reason if it is refused."""
+    """Apply an event. Raises SpelError with the error `number` if the controller refuses it."""
     try:
         controller.apply(event)
     except RejectedError as error:
@@ -91,13 +94,13 @@ def _usual(robot: RobotContext) -> None:
 def _power(robot: RobotContext, _: Arguments, words: Words) -> None:
     high = 'high' in words
     if high and robot.controller.condition.motors is not Motors.ON:
-        return  # switching the motors on sets low power again
+        return  # has no effect, because switching the motors on selects low power
     apply(robot.controller, Event.PROGRAM_POWER_HIGH if high else Event.PROGRAM_POWER_LOW)
 
 
 def _reset(robot: RobotContext, _: Arguments, _words: Words) -> None:
     if robot.controller.condition.estopped:
-        text = 'Reset: no program can reset an E-stop: release it, then reset by hand'
+        text = 'Reset: a program cannot reset an E-stop: release it, then reset by hand'
         raise SpelError(ErrorNumber.TASK_ABORTED, text)
     apply(robot.controller, Event.RESET, ErrorNumber.TASK_ABORTED)
 
@@ -110,7 +113,7 @@ def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:
 
 
 def _start_main(robot: RobotContext, _: Arguments, _words: Words) -> None:
-    """Check whether the interpreter may start main now."""
+    """Start the tasks, unless the condition of the controller prevents it."""
     condition = robot.controller.condition
     if condition.estopped or robot.controller.error_number:
         text = 'StartMain: E-stop or error: reset first'
@@ -187,4 +190,4 @@ COMMANDS: dict[str, Run] = {
     'arm': _only('Arm', 0),
     'robot': _only('Robot', 1),
 }
-"""Statement name in lower case → function, excluding settings and statements without effect."""
+"""Statement in lower case → function, except for settings and statements without effect."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions of a SPEL+ program: one statement at a time moves the arm, from rest or blended in."""
+"""Execution of the motion statements of a SPEL+ program, one at a time."""
 
 import math
 from collections import deque
@@ -19,11 +19,17 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.spel import MotionRequest, SpelError
 
 SHORTEST_S = 1e-6
-"""Maximum delay in detecting the end of a motion, s, so that rounding cannot stop the clock."""
+"""Minimum delay of the timer for the next event of a motion, s.
+
+A delay that is rounded to 0 would stop the clock.
+"""
 
 
 class Motion:
-    """A started motion statement, until the arm is at rest or, with CP, decelerates."""
+    """A motion statement. It ends when the arm is at rest or, with CP, decelerates.
+
+    `done`: it has ended. `error`: the reason, if it ended early.
+    """
 
     def __init__(self, request: MotionRequest, fraction: Callable[[], float]) -> None:
         self.request = request
@@ -33,15 +39,15 @@ class Motion:
 
     @property
     def fraction(self) -> float:
-        """The completed fraction of the path, 0 to 1, or -1 in a jump before its move across."""
+        """Completed fraction of the path, 0 to 1, or -1 in a jump before its move across."""
         return 1.0 if self.done else self._fraction()
 
 
 class RobotMotion:
-    """Passes motion statements to the arm, ends them, and calls `news` when one is over.
+    """Executes motion statements with the arm, and calls `news` at the end of each one.
 
-    The condition of Till is evaluated every `scan` s. `claim` must be called before a motion. It
-    acquires the arm, or raises SpelError.
+    The conditions of Till and Find are evaluated every `scan` s. `claim` must be called before a
+    motion. It acquires the arm, or raises SpelError.
     """
 
     def __init__(
@@ -62,20 +68,20 @@ class RobotMotion:
         self._scan: Timer | None = None
         self._due: Timer | None = None
         self.till_on = False
-        """Whether Till ended the last motion."""
+        """Whether the condition of Till ended the last motion."""
         self.sensed = False
-        """Whether Sense ended the last Jump above its target."""
+        """Whether the condition of Sense ended the last Jump above its target."""
         self.found: Array | None = None
-        """Position of the arm when the condition of Find was met, shape (n,), rad."""
+        """Position of the arm when the condition of Find was met, shape (n,), rad, or None."""
         self._down: Point | None = None  # target of Jump … Sense if the condition is not met
         self._arch: Arch | None = None  # the arch of the current motion
         self._stops: list[Array] = []  # start and targets of the motion
         self.cp = False
-        """CP On: every motion may blend into the next one."""
+        """Whether CP is On: every motion may blend into the next one."""
         self.passes = False
-        """Whether the last motion was Pass, which blends only into another Pass."""
+        """Whether the last motion was a Pass, which blends only into another Pass."""
         self.lim_z = 0.0
-        """Height of joint 3 for Jump, LimZ, m."""
+        """LimZ: the height of joint 3 during the move across of a Jump, m."""
 
     @property
     def busy(self) -> bool:
@@ -84,14 +90,14 @@ class RobotMotion:
 
     @property
     def start(self) -> Array:
-        """Rest position after the earlier motions, shape (n,), rad."""
+        """Rest position after all earlier motions, shape (n,), rad."""
         return self._arm.destination
 
     def begin(self, request: MotionRequest, points: Sequence[Point]) -> Motion:
-        """Start a motion to consecutive points. Raises SpelError if another one is executing.
+        """Start a motion to consecutive points.
 
-        The last point blends into the next motion if requested. The arm stops at the others. An
-        arm that brakes comes to rest first.
+        The arm stops at all points except the last one, which blends into the next motion if
+        requested. Raises SpelError if another motion is executing.
         """
         if self._motion is not None:
             text = 'another task is moving the robot'
@@ -114,7 +120,7 @@ class RobotMotion:
         return motion
 
     def settle(self) -> None:
-        """Update the statement, and set a timer for its next change."""
+        """Supply points to the arm, end a completed statement, and schedule the next call."""
         while self._points and self._arm.has_room:
             self._arm.take(self._points.popleft())
         if self._motion is not None and not self._points and self._arm.done:
@@ -129,14 +135,17 @@ class RobotMotion:
             self._due = self._clock.after(max(due, SHORTEST_S), self.settle)
 
     def abort(self, error: SpelError) -> bool:
-        """Brake and end the current statement with an error. Return whether there was one."""
+        """Brake, and end the current statement with an error. Return whether one was executing."""
         self._arm.stop()
         ended = self._end(error)
         self.settle()
         return ended
 
     def _goes_down(self) -> bool:
-        """Evaluate Sense above the target of a Jump. The arm continues if it is not met."""
+        """Evaluate the condition of Sense above the target of a Jump.
+
+        If it is not met, continue to the target. Return whether the statement must not end now.
+        """
         motion, down = self._motion, self._down
         self._down = None
         if motion is None or down is None or motion.request.sense is None or self.till_on:
@@ -152,10 +161,10 @@ class RobotMotion:
         return not self.sensed
 
     def _fraction(self) -> float:
-        """Return the completed fraction of the path, measured by its length in joint space.
+        """Return the completed fraction of the path, by its length in joint space.
 
-        For a jump only the move across counts, because !…! runs parallel to this move only (p57).
-        Before the move across the result is -1.
+        Only the move across of a jump counts, because `!…!` is executed in parallel with this move
+        (p57). Before the move across, return -1.
         """
         stops, position = self._stops, self._arm.position
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]
@@ -185,7 +194,7 @@ class RobotMotion:
         return True
 
     def _look(self) -> None:
-        """Evaluate the conditions of Till, which brakes the arm, and of Find."""
+        """Evaluate the conditions of Till and Find. Till brakes the arm."""
         motion = self._motion
         if motion is None or self.till_on:
             return

@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion between points of a SPEL+ program and joint angles of the arm."""
+"""Conversion between the points of a SPEL+ program and joint angles.
+
+A Cartesian point (`XY(…)`) specifies the tool position and orientation, and a posture by flags.
+"""
 
 import logging
 import math
@@ -26,20 +29,23 @@ from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
 UNREACHABLE = 4007
 STRAIGHT_RAD = 1e-6
-"""Bend of an arm, rad or m, below which it counts as straight and may bend to either side."""
+"""Distance from the boundary between two postures, rad or m, within which both of them apply."""
 
 _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
-"""Postures that `Kinematics.sides` returns, limited to those of the arm."""
+"""Groups of postures, in the order of the values of `Kinematics.sides`. A SCARA has the first."""
 
 _LEFT_OPEN = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
-"""Joints coupled to another one, with a point flag that defines their angle (p449, p455)."""
+"""Robot type → point flag and index of a joint whose angle the tool pose may leave undetermined.
+
+The flag specifies the angle (p449, p455).
+"""
 
 _USUAL = ('j1f0', 'j2f0')
-"""Flags that are omitted when a point is shown, because they are the usual ones."""
+"""Default flags, which are omitted when a point is shown."""
 
 NEAREST = 'ljm'
-"""Flag of a place for which the nearest posture is used, whichever it is."""
+"""Flag of a Cartesian point that is reached in any posture, whichever is nearest."""
 
 _SIX = {1: ('=', '=', '', 'J4'), 2: ('=', '=', '=', ''), 3: ('=', '=', '', 'J5')}
 LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
@@ -52,20 +58,21 @@ LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
         7: ('', 'b', '', 'J1 J5'), 8: ('', 'b', '', 'J1 J4'),
     },
 }  # fmt: skip
-"""Postures that LJM selects (p508): hand, elbow, wrist, and the joints that move the least.
+"""Robot type → LJM number → posture that LJM selects (p508).
 
-`=` is like the reference, `!` the opposite. A posture name selects that posture, and an empty
-string the nearest one.
+The posture consists of hand, elbow and wrist. `=` is that of the reference, `!` the opposite one,
+a name the named one, and an empty string any. Of several solutions, the one is selected in which
+the joints at the end of the row move least.
 """
 
 ASSUMED_PULSES = 10_000.0
-"""Pulses per degree or mm if the model has none, so that programs can still use pulses."""
+"""Encoder pulses per degree or mm, if the robot model does not specify them."""
 
 _log = logging.getLogger(__name__)
 
 
 class RobotPoints:
-    """Points and joint angles of one robot model."""
+    """Conversion of points for one robot model, with its current tool."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
@@ -77,7 +84,7 @@ class RobotPoints:
 
     @cached_property
     def pulses_per_unit(self) -> Array:
-        """Encoder pulses per rad or m, shape (n,). A warning lists assumed values."""
+        """Encoder pulses per rad or m, shape (n,). Log a warning if they are assumed."""
         model = self._model
         unknown = np.isnan(model.pulses_per_unit)
         if unknown.any():
@@ -87,16 +94,19 @@ class RobotPoints:
         return np.where(unknown, ASSUMED_PULSES * model.shown_per_unit, model.pulses_per_unit)
 
     def use(self, tool: int) -> None:
-        """Select the tool for the next motions (Tool n). Raises SpelError."""
+        """Select the tool for the next motions (Tool n). Raises SpelError if it is not defined."""
         if tool and tool not in self.tools:
             raise bad('Tool', f'{tool} is not defined: TLSet {tool}, or run --setup')
         self._kinematics = Kinematics(self._model, _matrix(self.tools[tool]) if tool else None)
         self.tool = tool
 
     def define(self, tool: int, point: Point | None) -> None:
-        """Define a tool (TLSet), or clear it with None (TLClr). Raises SpelError."""
+        """Define a tool (TLSet), or with None, clear it (TLClr).
+
+        Raises SpelError if the point is not Cartesian.
+        """
         if point is not None and point.kind != 'xy':
-            raise bad('TLSet', 'takes a place, XY(…)')
+            raise bad('TLSet', 'the tool must be a Cartesian point, XY(…)')
         self.tools.pop(tool, None)
         if point is not None:
             self.tools[tool] = point
@@ -106,9 +116,9 @@ class RobotPoints:
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
 
-        A place in space is converted in its posture or in the usual one. Among the remaining
-        solutions the nearest to `near` is used. Raises SpelError: 4001 out of range, 4007 out of
-        reach.
+        A Cartesian point is converted in its posture. The default posture completes missing flags.
+        If several solutions remain, return the nearest one to `near`. Raises SpelError: 4001 out
+        of range, 4007 out of reach.
         """
         angles = self._angles(point, near)
         rejection = angles_rejection(angles, self._model.limits)
@@ -117,15 +127,15 @@ class RobotPoints:
         return clipped(angles, self._model.limits)
 
     def pulses(self, point: Point, near: Array) -> Array:
-        """Return the encoder pulses of a point, shape (n,), within the range or not."""
+        """Return the encoder pulses of a point, shape (n,). They may exceed the joint limits."""
         return np.rint(self._angles(point, near) * self.pulses_per_unit)
 
     def degrees(self, point: Point, near: Array) -> Array:
-        """Return the angles of a point in degrees (or mm), shape (n,)."""
+        """Return the joint angles of a point in degrees (or mm), shape (n,)."""
         return self._angles(point, near) * self._model.shown_per_unit
 
     def place(self, angles: Array) -> Point:
-        """Return joint angles, shape (n,), rad, as a place in space."""
+        """Return joint angles, shape (n,), rad, as a Cartesian point."""
         where, turn = self._kinematics.epson_point(angles)
         flags = [words[0] for words in self._posture(angles)]
         if self._model.kind == SCARA:
@@ -137,14 +147,14 @@ class RobotPoints:
         )
 
     def _left_open(self, angles: Array) -> Iterator[str]:
-        """Yield the flags of the joint angles that a place does not determine."""
+        """Yield the flags of the joint angles that the tool pose does not determine."""
         for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
             side = self._kinematics.sides(angles)[-1 if joint else 0]
             if abs(math.remainder(side, FULL_TURN)) < STRAIGHT_RAD:
                 yield f'{mark}{math.degrees(angles[joint]):.3f}'
 
     def _counted(self, u: float, angles: Array) -> float:
-        """Return U of a SCARA, rad, including the full turns of its joints."""
+        """Return the orientation `u` of a SCARA, rad, with the full turns of its joints added."""
         axes = self._model.chain.axes[:, 2] * self._model.base.matrix[2, 2]
         revolute = np.array([kind == REVOLUTE for kind in self._model.joint_types])
         at_zero = self._kinematics.epson_point(np.zeros_like(angles))[1][0]
@@ -152,9 +162,9 @@ class RobotPoints:
         return u + FULL_TURN * round((total - u) / FULL_TURN)
 
     def stored(self, point: Point) -> Point:
-        """Return a point as stored in P0, P1, …: a place in space with its complete posture.
+        """Return a point as stored in P0, P1, …: Cartesian, with its complete posture.
 
-        Joint angles that are converted to a point lose the turns of joints 4 and 6 (p79).
+        Joint angles that are converted to such a point lose the turns of joints 4 and 6 (p79).
         """
         if point.kind != 'xy':
             point = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
@@ -166,12 +176,12 @@ class RobotPoints:
         return replace(point, flags=(*report, *(f for f in point.flags if f not in report)))
 
     def other_hand(self, point: Point, joints: Array) -> bool:
-        """Return whether a point specifies the other hand than joint angles, shape (n,)."""
+        """Return whether a point specifies another hand than that of joint angles, shape (n,)."""
         hands = next(self._posture(joints), POSTURES['hand'])
         return not {*POSTURES['hand']}.intersection(point.flags) <= {*hands}
 
     def coordinate(self, point: Point, axis: str) -> float:
-        """Return x, y, z in mm, or u, v, w in degrees."""
+        """Return a coordinate of a point: x, y or z in mm, or u, v or w in degrees."""
         return self.stored(point).values['xyzuvw'.index(axis)]
 
     def _angles(self, point: Point, near: Array) -> Array:
@@ -188,12 +198,12 @@ class RobotPoints:
     def path_to(
         self, point: Point, start: Array, via: Point | None = None, level: bool = False
     ) -> tuple[Array, PosePath]:
-        """Return joint angles along the tool's straight path from joint angles to a point.
+        """Return joint angles along the straight path of the tool to a point, and the path.
 
-        `start` has shape (n,), rad, the result (k, n), rad, at even fractions of the path. With
-        `via` the path is an arc over that point, of which `level` uses X and Y only. Raises
-        SpelError: 4001, or 4007 for a path that leaves the reach or a joint's range, or on which a
-        joint would have to jump.
+        `start` are the joint angles at the start, shape (n,), rad. The result has shape (k, n),
+        rad, at even fractions of the path. With `via` the path is an arc over this point, and with
+        `level` only X and Y of `via` count. Raises SpelError: 4001 if the point is out of range,
+        4007 if the path leaves the reach or a joint would have to jump.
         """
         here = self._kinematics.forward(start)
         if point.kind == 'xy':
@@ -219,7 +229,7 @@ class RobotPoints:
         free = NEAREST in point.flags
         usual = near.copy()
         if not free and self._model.kind != SCARA:
-            usual[3] = 0.0  # where joints 4 and 6 are in line, joint 6 turns alone (p79)
+            usual[3] = 0.0  # if joints 4 and 6 are in line, only joint 6 turns (p79)
         for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
             report = next((flag for flag in point.flags if flag.startswith(mark)), mark)
             usual[joint] = math.radians(float(report[3:] or 0))
@@ -231,9 +241,10 @@ class RobotPoints:
         return np.asarray(min(fitting, key=lambda each: float(np.linalg.norm(each - near))))
 
     def least_motion(self, point: Point, near: Array, number: int) -> Point:
-        """Return a place in the posture that LJM selects from joint angles, shape (n,), rad.
+        """Return a Cartesian point in the posture that LJM selects for the joint angles `near`.
 
-        Raises SpelError.
+        `near` has shape (n,), rad. Other points are returned unchanged. Raises SpelError if the
+        LJM number is invalid.
         """
         rules = LEAST_MOTION.get(self._type)
         if point.kind != 'xy' or rules is None:
@@ -268,7 +279,7 @@ class RobotPoints:
         return point
 
     def _fits(self, point: Point, joints: Array) -> bool:
-        """Return whether joint angles have the posture of a point, and a SCARA the turns of U."""
+        """Return whether joint angles have the posture of a point, and with a SCARA, its turns."""
         if self._model.kind == SCARA:
             u = math.radians(point.values[3])
             if abs(self._counted(u, joints) - u) > math.pi:
@@ -280,7 +291,7 @@ class RobotPoints:
         return True
 
     def _posture(self, joints: Array) -> Iterator[tuple[str, ...]]:
-        """Yield the flags of a posture, two for a posture at the boundary between them."""
+        """Yield the posture flags of joint angles, group by group. At a boundary, both apply."""
         try:
             sides = self._kinematics.sides(joints)
         except KinematicsError:
@@ -306,17 +317,17 @@ class RobotPoints:
             raise bad(str(point), str(error)) from error
 
     def _pose(self, point: Point) -> Array:
-        """Return the tool pose of a place in space, in base_link."""
+        """Return the tool pose of a Cartesian point in base_link, shape (4, 4), m."""
         return self._kinematics.from_base(_matrix(point))
 
 
 def without_rounding(values: Array) -> list[float]:
-    """Return mm or degrees without rounding errors: 0 for values near 0."""
+    """Return values in mm or degrees, rounded so that values near 0 are 0."""
     return [item + 0.0 for item in np.round(values, 9).tolist()]
 
 
 def _half_turns(angle: float) -> int:
-    """Return the number of J4Flag and J6Flag (p459), exact to a rounding."""
+    """Return the value of J4Flag or J6Flag for a joint angle, rad (p459)."""
     turns = abs(angle) / np.pi
     whole = round(turns)
     if abs(turns - whole) * np.pi < STRAIGHT_RAD:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""SPEL+ functions that read the controller and its robot, as one table."""
+"""Table of SPEL+ functions that read the state of the controller and its robot."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -26,7 +26,7 @@ _MM = 1000.0
 
 
 class RobotContext(NamedTuple):
-    """The parts of the controller that the functions read."""
+    """The controller with the motions and points of a SPEL+ program."""
 
     controller: Controller
     motion: RobotMotion
@@ -39,11 +39,11 @@ class RobotContext(NamedTuple):
 
     @property
     def encoders(self) -> Array:
-        """Joint positions by the encoders, shape (n,), rad."""
+        """Joint positions that the encoders report, shape (n,), rad."""
         return self.controller.servo.position
 
     def joint(self, name: str, number: int | float | Point) -> int:
-        """Return a joint's index. Raises SpelError."""
+        """Return the index of a joint. Raises SpelError if the number is invalid."""
         count = len(self.controller.model.joint_names)
         if isinstance(number, Point) or not 1 <= number <= count:
             raise bad(name, f'joint {number} is not in 1..{count}')
@@ -51,7 +51,7 @@ class RobotContext(NamedTuple):
 
 
 def value(robot: RobotContext, name: str, arguments: Arguments) -> Result:
-    """Return the value of a function by its name in lower case. Raises SpelError."""
+    """Return the value of a function, by its name in lower case. Raises SpelError."""
     return VALUES[name](robot, arguments)
 
 
@@ -79,7 +79,7 @@ WORDS: dict[str, dict[int, Callable[[RobotContext], int]]] = {
     'RobotInfo': {0: _word(status_words.ROBOT_INFO_0, till=0x4000)},
     'Stat': {0: _word(status_words.STAT_0), 1: _word(status_words.STAT_1, till=2)},
 }
-"""Function name → its value for each numeric argument: bits of the controller's state."""
+"""Function name → numeric argument → function that returns the value."""
 
 
 def _state(name: str) -> Callable[[RobotContext, Arguments], int]:
@@ -168,7 +168,7 @@ def _least_motion(robot: RobotContext, arguments: Arguments) -> Point:
 
 
 def _time(robot: RobotContext, arguments: Arguments) -> float:
-    """Return the duration of Go from here, or 0 if the motion is impossible."""
+    """Return the duration of a Go from the current position, s, or 0 if it is impossible."""
     try:
         target = robot.points.joints(_point(arguments[0]), robot.here)
     except SpelError:
@@ -178,7 +178,7 @@ def _time(robot: RobotContext, arguments: Arguments) -> float:
 
 
 def _where(robot: RobotContext, _: Arguments) -> str:
-    """Return the lines of Where (p890), in the columns that clients read."""
+    """Return the output of Where (p890). Clients depend on its columns."""
     place = robot.points.place(robot.here).values[: len(robot.here)]
     world = zip('XYZUVW', place, ('mm',) * 3 + ('deg',) * 3, strict=False)
     pulses = robot.points.pulses_per_unit * robot.here
@@ -268,4 +268,4 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'ptptime': _time,
     'ljm': _least_motion,
 }
-"""Function name in lower case → function."""
+"""Name of a SPEL+ function in lower case → function that returns its value."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The host of a SPEL+ program in the simulated controller: motion, I/O, ports, terminal."""
+"""The host of a SPEL+ interpreter in the simulated controller: motion, I/O, ports, terminal."""
 
 import logging
 from abc import ABC, abstractmethod
@@ -35,13 +35,13 @@ CANCEL: Final = 2
 """The answer to a MsgBox, because no user is present."""
 
 MAX_LINE = 1000
-"""Maximum characters of a printed line. A longer one is cut."""
+"""Maximum length of a printed line, characters. A longer line is truncated."""
 
 _terminal = logging.getLogger('epson_driver.spel.terminal')
 
 
 class Unattended(ABC):
-    """A terminal without input, where every MsgBox is answered with Cancel."""
+    """A terminal without a user. It has no input, and every MsgBox is answered with Cancel."""
 
     @abstractmethod
     def write(self, caller: Caller, text: str) -> None:
@@ -58,25 +58,25 @@ class Unattended(ABC):
 
 
 class KeptText(Unattended):
-    """Stores printed text."""
+    """A terminal that stores the printed text."""
 
     def __init__(self) -> None:
         self.printed: list[str] = []
 
     def write(self, _caller: Caller, text: str) -> None:
-        """Store a text."""
+        """Store a printed text."""
         self.printed.append(text)
 
 
 class LogTerminal(Unattended):
-    """Logs printed text, line by line, with the controller's time, task and function."""
+    """A terminal that logs each printed line with the controller's time, task and function."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._lines: dict[int, str] = {}
 
     def write(self, caller: Caller, text: str) -> None:
-        """Log printed text line by line, with time, task and function."""
+        """Log all complete lines of the printed text."""
         *lines, rest = (self._lines.pop(caller.task, '') + text).split('\n')
         for line in lines:
             self._show(caller, line)
@@ -86,7 +86,7 @@ class LogTerminal(Unattended):
             self._lines[caller.task] = rest
 
     def _show(self, caller: Caller, line: str) -> None:
-        # The location is in the program, so each Print has a separate rate limit in the log.
+        # The record has the file and line of the Print, so each Print has a separate rate limit.
         what = '%9.3f s task %d %s: %s'
         values = (self._clock.now, caller.task, caller.function, line[:MAX_LINE])
         record = _terminal.makeRecord(
@@ -97,7 +97,7 @@ class LogTerminal(Unattended):
 
 
 LOOK_S = 0.010
-"""Polling period for the end of statements without an event, s."""
+"""Polling period for the end of statements that have no event at their end, s."""
 
 _IO = {
     Memory.INPUT: IoType.DIGITAL_INPUT,
@@ -111,7 +111,7 @@ class SpelHost:
 
     `news` is called when a task may continue, and `failed` with the error that ended a task.
     `pauses` is called for the program's Pause (True) or Cont (False), and `moves` when a task has
-    started a motion. `commanded` returns whether the command window is the caller.
+    started a motion. `commanded` returns whether a statement of $Execute is running.
     """
 
     def __init__(
@@ -139,14 +139,14 @@ class SpelHost:
     # Inputs, outputs, memory
 
     def read_bits(self, memory: Memory, index: int, width: int) -> int:
-        """Return a bit or a port. Raises SpelError."""
+        """Return the value of a bit or a port. Raises SpelError if it does not exist."""
         try:
             return self._controller.io.read_port(_IO[memory], index, width)
         except IoError as error:
             raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set a bit or a port, or an input with virtual I/O. Raises SpelError."""
+        """Set a bit or a port. Inputs are set like with virtual I/O. Raises SpelError."""
         io = self._controller.io
         try:
             if memory is Memory.INPUT:
@@ -165,7 +165,10 @@ class SpelHost:
     def command(
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
     ) -> Completion | None:
-        """Execute a statement that sets up the robot. Raises SpelError."""
+        """Execute a statement for the robot. Return its completion if it takes time.
+
+        Raises SpelError.
+        """
         if name in MOVING:
             given = zip(('joint', 'step'), arguments, strict=False)
             numbers = {key: float(value) for key, value in given if isinstance(value, int | float)}
@@ -176,7 +179,7 @@ class SpelHost:
         return completion
 
     def _look(self, completion: Completion) -> None:
-        """Notify the tasks when a statement without an event is over."""
+        """Poll a statement that has no event at its end, and call `news` at its end."""
         timer: Timer
 
         def look() -> None:
@@ -187,7 +190,7 @@ class SpelHost:
         timer = self._controller.clock.every(LOOK_S, look, first=LOOK_S)
 
     def move(self, request: MotionRequest) -> Motion:
-        """Start a motion. Raises SpelError."""
+        """Start a motion. Raises SpelError if it is invalid or the arm cannot move now."""
         controller = self._controller
         rejection = (
             controller.command_rejection() if self._commanded() else controller.motion_rejection()
@@ -208,7 +211,7 @@ class SpelHost:
     def call_library(
         self, library: str, name: str, _arguments: Sequence[Value | Array]
     ) -> int | float:
-        """Raise the error of a missing library, because no PC with a DLL exists."""
+        """Raise SpelError, because the simulation has no PC with libraries (DLLs)."""
         raise SpelError(ErrorNumber.NO_LIBRARY, f'{name} of {library}')
 
     def task_failed(self, error: TaskError) -> None:

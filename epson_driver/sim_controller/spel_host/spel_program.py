@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A SPEL+ program on the simulated controller: its tasks on the controller's clock.
+"""A SPEL+ program on the simulated controller. It replaces the built-in programs.
 
-It replaces the built-in programs. Any event that may affect a task (bytes, the end of a motion, a
-button) sets a timer that is due immediately, and only that timer runs the tasks. So the tasks run
-in the order of the clock, and never while the controller's state changes.
+The tasks run on the controller's clock. Any event that may affect a task (bytes, the end of a
+motion, a button) sets a timer that is due immediately, and only this timer runs the tasks. So they
+never run while the controller's state changes.
 """
 
 import logging
@@ -54,16 +54,16 @@ _STATES = {
     TaskState.ABORTED: 'aborted',
 }
 STANDS_S = 0.004
-"""Polling period for standstill at the end of a command, s."""
+"""Polling period for standstill after a command that moved the arm, s."""
 
 _HELD = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_RECOVER: 'sgclose'}
-"""Names of the Trap events, by state of the tasks."""
+"""State of the paused tasks → name of the Trap event."""
 
 MOTION_ERRORS = range(4000, 6000)
-"""Errors that have a robot number in Trap Error (p856)."""
+"""Error numbers for which Trap Error gets the robot number 1 (p856)."""
 
 ROUNDING_S = 1e-9
-"""Times that differ by less are equal, because the tasks' time does not start with the clock's."""
+"""Maximum rounding error when the clock's time is converted to the time of the tasks, s."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,13 +73,14 @@ def _nothing() -> None:
 
 
 class SpelProgram:
-    """The program of a controller.
+    """A SPEL+ program, which moves the arm and serves the ports that it opens.
 
-    `main` of `program` is started at boot and at each start by a person, BgMain at boot. A start
-    by a person clears the global variables unless the program has a BgMain, which may share them.
-    Without a `terminal` the output is logged. Raises ProgramError if the program has statements
-    that are not simulated. `claim` is called before a motion. It acquires the arm, or raises
-    SpelError. `starts`: a function that is started alone instead of main.
+    main is started at boot and by an operator, BgMain at boot. An operator's start clears the
+    global variables unless the program has a BgMain, which may share them.
+
+    Without a `terminal` the output is logged. `claim` is called before a motion. It acquires the
+    arm, or raises SpelError. `starts`: the function that is started instead of main. BgMain is
+    then not started. Raises ProgramError if the program has statements that are not simulated.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class SpelProgram:
         self._starts = starts.lower()
         self._background = program.by_name.get(BACKGROUND) if self._starts == MAIN else None
         self.failure: TaskError | None = None
-        """The first error that ended a task since the program was started."""
+        """The first error that ended a task since the program was started, or None."""
         self._controller = controller
         self._arm = arm
         self._network = network
@@ -147,13 +148,13 @@ class SpelProgram:
         self._timer = self._controller.clock.after(0.0, self._run)
 
     def _run(self) -> None:
-        """Run the tasks until now, and apply the consequences."""
+        """Run the tasks until now, and then their effects on the controller."""
         self._timer = None
         now = self._pass_time()
         self._start_main()
         self._running = True
         try:
-            # a command's first turn is immediate, even if the previous one took some microseconds
+            # A command must start now, even if the tasks' time is some microseconds ahead.
             self._machine.advance(max(now, self._machine.time) if self.executes else now)
         finally:
             self._running = False
@@ -165,22 +166,22 @@ class SpelProgram:
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
 
     def _now(self) -> float:
-        """Return the time of the tasks, s, with a margin for rounding."""
+        """Return the time of the tasks, s, rounded up to an event that is due."""
         now = self._controller.clock.now - self._begun
         due = self._machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _pass_time(self) -> float:
-        """Advance the tasks' time over a period without a running task. Return the time now, s.
+        """Advance the tasks' time to now without running a task, and return it, s.
 
-        Call it before starting or resuming a task, so that the task's times count from now.
+        This is necessary before a task is started or resumed, because its delays count from now.
         """
         now = self._now()
         self._machine.idle(now)
         return now
 
     def _after_tasks(self, action: Callable[[], None]) -> None:
-        """Call `action` when no task runs: now, or after the tasks' turn."""
+        """Call `action` now, or after the tasks' turn if a task is running."""
         if self._running:
             self._later.append(action)
         else:
@@ -203,7 +204,7 @@ class SpelProgram:
             self._controller.raise_error(error.number)
 
     def _look_at_tasks(self) -> None:
-        """Check whether all tasks are over, and whether one still moves the arm."""
+        """Abort a motion whose task has ended, answer a command, and detect the program's end."""
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task has ended'))
@@ -237,7 +238,7 @@ class SpelProgram:
         return self._answer is not None
 
     def execute(self, text: str, answer: Answer) -> None:
-        """Start a command. Raises ProgramError, RuntimeError, see Window."""
+        """Start a command, see `Window.execute`."""
         if self.executes:
             raise RuntimeError('a command is being executed')
         self._pass_time()
@@ -257,7 +258,7 @@ class SpelProgram:
         self._soon()
 
     def _look_at_command(self) -> None:
-        """Answer a command that is over, once the arm is at rest if it moved."""
+        """Answer a command that has ended, once the arm is at rest if the command moved it."""
         answer = self._answer
         if answer is None or COMMAND_TASK in self._machine.world.tasks:
             return
@@ -271,7 +272,7 @@ class SpelProgram:
         self._answer = None
         answer(printed(self._output) if self._command_error is None else self._command_error)
 
-    # The program as the controller sees it
+    # Interface for the controller (Program)
 
     @property
     def runs(self) -> bool:
@@ -287,21 +288,21 @@ class SpelProgram:
 
     @property
     def main_runs(self) -> bool:
-        """Whether main, task 1, is running."""
+        """Whether main, task 1, is running or about to start."""
         return self._starting or 1 in self._machine.world.tasks
 
     @property
     def machine(self) -> Machine:
-        """The interpreter that runs the tasks, a new one after each boot."""
+        """The interpreter of the tasks. Each boot creates a new one."""
         return self._machine
 
     @property
     def statements(self) -> int:
-        """Number of executed statements of its tasks since the controller was booted."""
+        """Number of statements executed since the controller was booted."""
         return self._machine.statements
 
     def receive(self, frame: Frame) -> None:
-        """Raise RuntimeError, because bytes come through the program's own ports."""
+        """Raise RuntimeError, because the program's own ports receive the bytes."""
         raise RuntimeError(f'a SPEL+ program accepts no frame ({frame.msg_type})')
 
     def step(self, dt: float) -> None:
@@ -318,7 +319,7 @@ class SpelProgram:
 
     def restart(self) -> None:
         """Brake, and end the tasks that an E-stop, an error or a stop ends."""
-        if not self._finishing:  # a last Go … CP is completed
+        if not self._finishing:  # a Go … CP at the end of the program is completed
             self._motion.abort(_aborted('the tasks were stopped'))
         aborted = self._controller.condition.tasks is Tasks.ABORTED
         self._starting = False
@@ -340,10 +341,10 @@ class SpelProgram:
         self._after_tasks(end)
 
     def detach(self) -> None:
-        """Do nothing, because its statements detect the lost client at the port."""
+        """Do nothing, because the program's statements detect the loss of a client."""
 
     def boot(self) -> None:
-        """Restart, keeping the values of preserved variables."""
+        """Restart the program. Only preserved variables keep their values."""
         self.abort_command('the command was aborted: the controller was switched off')
         self._after_tasks(self._boot)
 
@@ -357,7 +358,7 @@ class SpelProgram:
         self._soon()
 
     def pause(self) -> None:
-        """Pause the tasks that a pause affects, and start the Trap of the pause or the door."""
+        """Pause the Normal tasks, and start the Trap task for a pause or the door, if any."""
         event = _HELD.get(self._controller.condition.tasks)
 
         def hold() -> None:
@@ -368,7 +369,7 @@ class SpelProgram:
         self._after_tasks(hold)
 
     def resume(self) -> None:
-        """Resume after a pause, and start main if a person has started the program."""
+        """Resume after a pause, or start main if the tasks had ended."""
         tasks = self._controller.condition.tasks
         if tasks in ENDED:
             if tasks is Tasks.STOPPED:  # possibly by a reset
@@ -381,7 +382,7 @@ class SpelProgram:
         self._after_tasks(self._machine.resume)
 
     def tasks(self) -> Iterator[TaskRow]:
-        """Yield its tasks, each with file and line."""
+        """Yield the tasks. The state of each includes its file and line."""
         for task in self._machine.tasks():
             state = f'{_STATES[task.state]} {_plain(task.file)}:{task.line}'
             yield TaskRow(task.number, task.function, _TYPES[task.type], state)
@@ -389,9 +390,9 @@ class SpelProgram:
     # Effects of its tasks on the controller
 
     def _task_failed(self, error: TaskError) -> None:
-        """Set an error of the controller, a critical one if a background task failed.
+        """Raise an error of the controller, a critical one if a background task failed.
 
-        A command that fails only shows its number.
+        The error of a command is only returned in its answer.
         """
         if error.task == COMMAND_TASK:
             self._command_error = SpelError(error.number, error.text)
@@ -414,7 +415,7 @@ class SpelProgram:
 
 
 def _plain(name: str) -> str:
-    """Return a file name without the separators of an answer."""
+    """Return a file name without the characters that separate the parts of an answer."""
     return ''.join('_' if item in ',;=' or not item.isprintable() else item for item in name)
 
 

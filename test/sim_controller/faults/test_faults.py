@@ -99,7 +99,7 @@ def test_estop_at_point_counts_points_from_its_start(harness):
     for _ in range(2):
         harness.faults.point_begun()
         harness.wait(1.0)
-    assert harness.faults.active() == ['estop_at_point point=3 after=1 (1 points to go)']
+    assert harness.faults.active() == ['estop_at_point point=3 after=1 (1 points left)']
     assert calls(harness) == []
     harness.faults.point_begun()
     assert calls(harness) == []  # the core is still passing the point to the arm
@@ -211,7 +211,7 @@ def test_ports_of_a_fault(text, ports):
         ('delay:seconds=-1', ["seconds = '-1': must be"]),
         ('delay:seconds=nan', ["seconds = 'nan': must be"]),
         ('delay:seconds=inf', ["seconds = 'inf': must be"]),
-        ('delay:1,seconds=2', ['delay: seconds is given twice']),
+        ('delay:1,seconds=2', ['delay: seconds is repeated']),
         ('delay:for=3601', ["for = '3601': must be a number from 0 to 3600 s"]),
         ('delay:colour=3', ["'colour' is unknown: must be one of seconds, for, after, port"]),
         ('delay:count=3', ["'count' is unknown"]),
@@ -290,7 +290,7 @@ def test_active_faults_are_listed_without_commas(harness):
     client.send(answer(1))
     assert harness.faults.active() == [
         'cut for=3 port=motion+state+io (2.0 s left)',
-        'lost_reply count=3 port=motion (2 to strike)',
+        'lost_reply count=3 port=motion (2 messages left)',
         'wrong_byte_order port=io',
         'jitter seconds=0.05 seed=4 after=2.5 port=motion+state+io (starts in 1.5 s)',
     ]

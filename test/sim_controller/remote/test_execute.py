@@ -264,7 +264,7 @@ def test_inv3_and_4_event_that_stops_the_arm_ends_the_command(remote, event):
 def test_inv1_motion_client_excludes_execute():
     remote = Remote(Harness(BENT))
     assert remote('Execute,"Go Here +Z(20)"') == '!Execute,20'
-    assert remote('Sim,why') == '#Sim,the client of the motion port has the arm'
+    assert remote('Sim,why') == '#Sim,the client of the motion port controls the arm'
     assert not remote.controller.in_motion
 
 

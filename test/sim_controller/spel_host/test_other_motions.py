@@ -199,7 +199,7 @@ def test_arc_in_space_given_by_its_centre(caplog):
         ('Arc3 P2, P1 +X(40), ARC_SHORT', 'half a circle needs a point to pass'),
         ('Arc3 P1 +X(40) +Y(40), P2 ECP', 'ECP is not simulated'),
         ('Go P1 SYNC', 'SYNC is not simulated'),
-        ('JumpTLZ P1, -20', 'only the N series has it'),
+        ('JumpTLZ P1, -20', 'is not of the N series'),
     ],
 )
 def test_invalid_arc_is_refused_before_motion(caplog, arc, text):
