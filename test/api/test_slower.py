@@ -18,7 +18,7 @@ WINDOW_S = 0.1
 REASONS = (
     'override of its pendant',
     'over Remote Ethernet alone',
-    'the least that the controller',
+    'the minimum of the controller',
 )
 """Parts of the errors of a rejection."""
 

@@ -94,7 +94,7 @@ def a_goal_ends_twice(put: Patch) -> None:
 @found_by(seed=1)
 def a_goal_succeeds_before_it_began(put: Patch) -> None:
     put(GoalExecution, '_plan_time', property(lambda self: math.inf))
-    put(GoalExecution, '_check_patience', lambda self, now: None)
+    put(GoalExecution, '_check_timeouts', lambda self, now: None)
 
 
 @found_by(seed=66)

@@ -5,7 +5,6 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 
@@ -38,9 +37,10 @@ class Tolerances:
         velocity_error: Array,
         unit: Callable[[int], str] = lambda _: 'rad',
     ) -> str | None:
-        """Return a clause with joint, error and limit for the worst violation, or None if none.
+        """Return a text with the worst violation: joint, error and limit. None if there is none.
 
-        `unit` returns the unit of a joint's position for the joint's index.
+        Velocity errors are only evaluated if all position errors are allowed. `unit` returns the
+        unit of a joint's position for the joint's index.
         """
         for quantity, errors, limits, per in (
             ('position', position_error, self.position, ''),
@@ -63,14 +63,14 @@ class Goal:
 
     goal_tolerance: shape (n,), rad; inf disables the check of a joint.
     goal_time: maximum delay after the planned end, s; 0 means no limit.
-    goal_velocity: shape (n,), rad/s, below which a joint counts as stopped at the end, if lower
-    than the general `stopped_velocity`; None: no such limit.
+    goal_velocity: velocity below which a joint counts as stopped, shape (n,), rad/s, if lower than
+    `stopped_velocity` of the settings; None: `stopped_velocity` applies to all joints.
     path_tolerance: maximum deviation from the plan at each time; None: not checked.
     units: 'rad' or 'm', one per joint; empty: all rad.
     may_end_moving: the last point may have a velocity. The arm comes to rest there anyway.
-    message: the statement that executes the whole goal, for a controller that takes statements;
-    None: the delivery creates the messages from the trajectory.
-    start: earliest start by the loop's clock, s, or 0 for immediately.
+    message: SPEL+ statements that execute the whole goal by Remote Ethernet; None: the delivery
+    creates the messages from the trajectory.
+    start: earliest start by the event loop's clock, s; 0: immediately.
 
     The goal queue checks every goal before sending any part of it.
     """
@@ -91,7 +91,7 @@ class Goal:
 
 
 def late_start(start: float, now: float) -> str:
-    """Return a clause if a start at `now` is late for a goal's `start`, else ''."""
+    """Return a text if a goal due at `start` starts too late at `now`, else ''."""
     if not start or now - start <= MAX_UNREPORTED_DELAY_S:
         return ''
     return f'; it started {now - start:.3g} s after its header.stamp'
@@ -101,16 +101,16 @@ MAX_MENTIONED_PROBLEMS = 5
 """Maximum number of violations listed in an error text."""
 
 MAX_UNREPORTED_DELAY_S = 0.1
+"""Maximum delay of a start that the outcome does not mention, s."""
 
 
 def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
-    """Return a goal that is complete, finite and within the limits.
+    """Check a goal, and return it with positions inside the limits.
 
-    Positions that exceed a limit only by rounding are set to it (`JointLimits.settled`).
+    Positions that exceed a limit only by a rounding error are set to the limit.
 
-    Raises GoalRejectedError:
-    INVALID_JOINTS if the joints or their order differ from the limits, or if an array has another
-    shape; INVALID_GOAL if `check_limits` finds a violation.
+    Raises GoalRejectedError INVALID_JOINTS if the joints or their order differ from the limits, or
+    if an array has another shape, and INVALID_GOAL if `check_limits` finds a violation.
     """
     trajectory, names = goal.trajectory, limits.names
     if trajectory.joint_names != names:
@@ -140,7 +140,10 @@ def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
 def check_limits(
     trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
 ) -> None:
-    """Raise GoalRejectedError INVALID_GOAL, naming point, joint, value and limit, if invalid."""
+    """Raise GoalRejectedError INVALID_GOAL if the trajectory is invalid or exceeds a limit.
+
+    The velocity of the last point must be 0 unless `may_end_moving`.
+    """
     if result := list(problems(trajectory, limits)):
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(result))
     if not may_end_moving and (result := list(_end_velocities(trajectory, limits))):
@@ -153,8 +156,8 @@ def check_start(
 ) -> None:
     """Raise GoalRejectedError INVALID_GOAL unless the trajectory starts where the arm is.
 
-    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad). A later
-    first point must be reachable from there in its time.
+    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad). If the
+    first point has a later time, the arm must be able to reach it by then.
     """
     offset = np.abs(trajectory.positions[0] - actual)
     time = float(trajectory.times[0])
@@ -183,10 +186,10 @@ def check_start(
 
 
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """Return only the positions of a trajectory, with provisional times.
+    """Return a trajectory with the same positions and provisional times.
 
-    The times are slow enough for the velocity limits (shapes: see Trajectory). The first time is
-    unchanged: a point at 0 s is the arm's position, and a later one is a target.
+    The times respect the velocity limits. The first time is unchanged, because it shows whether
+    the first point is the arm's position (0 s) or a target.
     """
     steps = np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity
     durations = np.nan_to_num(steps.max(axis=1)) * 1.01 + 1e-3
@@ -205,18 +208,18 @@ def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str
             yield (f'point {last}, {name}: the last velocity, {velocity:.6g} {unit}/s, must be 0')
 
 
-def listed(found: Sequence[str]) -> str:
-    """Return the problems as one text: the first few, and the number of the others."""
-    text = '; '.join(islice(found, MAX_MENTIONED_PROBLEMS))
-    rest = len(found) - MAX_MENTIONED_PROBLEMS
+def listed(violations: Sequence[str]) -> str:
+    """Return one text with the first few violations and the number of the others."""
+    text = '; '.join(violations[:MAX_MENTIONED_PROBLEMS])
+    rest = len(violations) - MAX_MENTIONED_PROBLEMS
     return f'{text}; and {rest} more' if rest > 0 else text
 
 
 CAUSE_TIMEOUT_S = 0.095
-"""Wait of a rejected goal for the STATUS with the cause, s. EPSON sends one every 55 ms."""
+"""Default of `GoalSettings.cause_timeout`, s. An EPSON controller sends a STATUS every 55 ms."""
 
 CAUSE_TIMEOUT_MARGIN_S = 0.04
-"""Wait in addition to the time between two STATUS messages, s."""
+"""Margin of `cause_timeout` beyond the time between two STATUS messages, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +227,7 @@ class GoalSettings:
     """Tolerances and timeouts of a goal execution.
 
     stopped_velocity: velocity below which a joint counts as stopped, rad/s.
-    reply_timeout: maximum time without a reply and without arm motion, beyond the planned time to
+    reply_timeout: maximum wait for a reply while the arm does not move, beyond the planned time of
     the point, s.
     cause_timeout: maximum wait of a rejected goal for the STATUS with the cause, s.
     require_planned_speed: reject plans and streams that the controller is known to execute faster.
@@ -237,46 +240,46 @@ class GoalSettings:
 
 
 def cause_timeout(state: StateProfile) -> float:
-    """Return how long to wait for a STATUS from a controller with this profile, s."""
+    """Return the `cause_timeout` of goals for a controller with this profile, s."""
     return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
 
 
 MIN_DISPLACEMENT = 1e-3
-"""Distance from start to goal, rad or m, above which the arm must move nearer to it."""
+"""Distance from start to goal, rad or m. From this distance on, the arm must get closer."""
 
 
 class Arrival:
-    """Compares the arm's position with the end of one goal. Distances have shape (n,), rad."""
+    """Detects whether the arm has arrived at the end of a goal's trajectory."""
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
-        self._left = False
+        self._departed = False
         self._start: Array | None = None
         self._distance = np.full(len(goal.trajectory.joint_names), np.inf)
 
     @cached_property
     def _min_excursion(self) -> float:
-        """See the function `_min_excursion`. Computed late, because it checks every point."""
+        """Result of the function `_min_excursion`, which is slow because it reads every point."""
         return _min_excursion(self._goal)
 
     def see(self, positions: Array) -> None:
-        """Evaluate measured positions, shape (n,), rad."""
+        """Process measured positions, shape (n,), rad."""
         self._distance = np.abs(positions - self._goal.trajectory.positions[-1])
         if self._start is None:
             self._start = self._distance
-        self._left = self._left or float(self._distance.max()) >= self._min_excursion
+        self._departed |= float(self._distance.max()) >= self._min_excursion
 
     def reached(self, *, at_rest: bool) -> bool:
-        """Return whether the arm is at the goal and has moved toward it.
+        """Return whether the arm has moved and is at the goal, within the goal tolerance.
 
-        `at_rest`: the controller reports that the arm is at rest. Otherwise the arm must also have
-        moved nearer to the goal.
+        `at_rest`: the controller reports that the arm is at rest. If it does not, the arm must
+        also have moved closer to the goal.
         """
-        if not (self._left and (at_rest or self._came_nearer())):
+        if not (self._departed and (at_rest or self._came_closer())):
             return False
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
-    def _came_nearer(self) -> bool:
+    def _came_closer(self) -> bool:
         """Return whether the joint with the longest distance has covered more than half of it."""
         distance = self._distance
         start = distance if self._start is None else self._start
@@ -284,8 +287,8 @@ class Arrival:
         return bool(start[joint] < MIN_DISPLACEMENT or distance[joint] < start[joint] / 2)
 
     def shortfall(self) -> str:
-        """Return why an arm at rest has not reached the goal, as a clause."""
-        if not self._left:
+        """Return why an arm at rest has not reached the goal, as text."""
+        if not self._departed:
             return 'the controller acknowledged all points, but the arm did not move'
         distance, tolerance = self._distance, self._goal.goal_tolerance
         if np.all(distance <= tolerance):
@@ -299,9 +302,9 @@ class Arrival:
 
 
 def _min_excursion(goal: Goal) -> float:
-    """Return the distance from the goal that must have been measured during the motion, rad.
+    """Return the distance from the goal that the arm must have had during the motion, rad.
 
-    On a path that ends at its start, an arm that has not moved yet is also at the goal.
+    If a path ends where it starts, an arm that has not moved yet is already at the goal.
     """
     positions = goal.trajectory.positions
     last = positions[-1]

@@ -4,8 +4,8 @@
 
 The rules and the allowed transitions are in goal_states.py.
 
-The object has no clock and no I/O. Its owner passes in every event with its time, and messages are
-sent through a callable.
+GoalExecution has no clock and no I/O. Its owner passes in every event with its time, and messages
+are sent through a callable.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
 from epson_driver.driver.state.standstill import (
     UNCONFIRMED_REST_TIME_S,
-    UNSAID_REST_TIME_S,
+    UNREPORTED_REST_TIME_S,
     Standstill,
 )
 from epson_driver.link.replies import sequence_of
@@ -49,7 +49,7 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
 SETTLE_TIME_S = 1.0
-"""Maximum rest away from the goal after the last reply, s; after that the goal fails."""
+"""Maximum time that the arm may be at rest away from the goal after the last reply, s."""
 
 MAX_COUNTED_GAP_S = 0.5
 """Maximum time between two states that counts toward a timeout, s. A longer gap means that this
@@ -57,19 +57,19 @@ process was not scheduled, or that the controller is silent, which the link dete
 (`ReceiveTimeout`)."""
 
 EARLY_S = 0.2
-"""Amount by which the expected plan time after a pause is reduced, s. If the plan passes a
-position twice within this time, it counts as not passed: a point is repeated, not skipped."""
+"""Time subtracted from the estimated plan time of a pause, s. If the plan passes a position twice
+within this time, the arm counts as at the first pass: points are repeated, not skipped."""
 
 ACCEPTED_EARLY = 2
-"""Number of points by which the replies of a controller that ignores times precede the arm."""
+"""Number of acknowledged points that the arm has not reached, if the controller ignores times."""
 
 _log = logging.getLogger(__name__)
 
 COUNTED_STATES = BRAKING_STATES | {GoalState.SETTLING}
-"""States in which the controller must confirm the standstill before the timeout."""
+"""States in which the arm must come to rest within the reply timeout."""
 
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
-"""send(message, on_reply) posts a request. on_reply(packet, now) is called with its reply.
+"""send(message, on_reply) sends a request. on_reply(packet, now) is called with its reply.
 Raises ConnectionError if no link is available."""
 
 
@@ -93,9 +93,9 @@ class GoalExecution:
         self.settings = settings
         self.state = GoalState.PREPARING
         self.aftermath = UNKNOWN
-        """Known state of the arm after the goal has ended."""
+        """What is known about the arm since the goal ended."""
         self.timing: Timing | None = None
-        """Planned and actual duration, once the goal has succeeded."""
+        """Planned and actual duration of a goal that succeeded, else None."""
         self.started = now
         self.point = 0
         """Number of accepted points, which is also the index of the pending point."""
@@ -112,17 +112,17 @@ class GoalExecution:
         self._pause = PauseDetector()
         self._rest_at: float | None = None
         self._checked: JointSample | None = None
-        self._due = 0.0  # when the plan reaches the position of the next reply or standstill
-        self._looked = now
+        self._due = 0.0  # time at which the next reply or the standstill is due by the plan
+        self._last_check = now
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
-        self._planned_speed = timing_monitor
+        self._timing_monitor = timing_monitor
 
     @property
     def paused(self) -> bool:
-        """True while the controller is paused. The motion then waits."""
+        """True while the controller is paused. The goal then waits."""
         return self._pause.paused
 
     @property
@@ -132,29 +132,29 @@ class GoalExecution:
 
     @property
     def desired(self) -> tuple[float, Array, Array] | None:
-        """The planned state: time in s, positions and velocities, shape (n,), rad and rad/s.
+        """The planned state: time, s, positions and velocities, shape (n,), rad and rad/s.
 
-        None before the goal is prepared. Velocities are 0 while the plan waits and at its end.
+        None before the goal is prepared. The velocities are 0 during a pause and at the end.
         """
         if self._schedule is None:
-            at = self._paused_at
-            return None if at is None else (self._reached, at, np.zeros_like(at))
+            rest = self._paused_at
+            return None if rest is None else (self._reached, rest, np.zeros_like(rest))
         clock = self._schedule.clock
         time = min(clock.time, self.goal.trajectory.duration)
         return max(self._passed + time, self._reached), *clock.desired()
 
     def speed(self, now: float) -> float:
-        """Return the fraction of the planned speed at which the goal runs; 0 while paused."""
+        """Return the current speed factor, or 0 while the controller is paused."""
         return 0.0 if self.paused else self._scaling.factor(now)
 
     @property
     def target(self) -> int:
-        """Index of the trajectory's point toward which the arm moves."""
+        """Index of the point to which the arm moves."""
         return 0 if self._schedule is None else min(self.point, len(self._schedule) - 1)
 
     @property
     def where(self) -> str:
-        """Progress of the goal, as a clause."""
+        """Progress of the goal, as text."""
         first = self._schedule is None
         return 'before its first point' if first else f'moving to point {self.target}'
 
@@ -163,17 +163,19 @@ class GoalExecution:
         """True once the outcome is known."""
         return self.state in FINAL_STATES
 
-    def start(self, prepared: PreparedTrajectory, now: float, at: Array | None = None) -> None:
+    def start(
+        self, prepared: PreparedTrajectory, now: float, position: Array | None = None
+    ) -> None:
         """Send the first point of a prepared trajectory unless the goal was stopped before.
 
-        `prepared`: the goal's trajectory, or one derived from it. The plan starts after its delay.
-        `at`: position of the arm, shape (n,), rad, if different from the first point.
+        `prepared`: the goal's trajectory, or one derived from it. The plan's clock starts after
+        `prepared.delay`. `position`: position of the arm, shape (n,), rad; None: the first point.
         """
         if self.state is not GoalState.PREPARING:
             return
         trajectory = prepared.trajectory
         self.goal = replace(self.goal, trajectory=trajectory)
-        start = trajectory.positions[0] if at is None else at
+        start = trajectory.positions[0] if position is None else position
         self._due = now + prepared.delay
         if self._paused_at is None:
             self._start, self.started = start, now
@@ -184,14 +186,14 @@ class GoalExecution:
 
     @cached_property
     def _arrival(self) -> Arrival:
-        """The comparison of the arm with the goal's end. Created after the goal is prepared."""
+        """The check for arrival. Created after the goal is prepared, with its final trajectory."""
         return Arrival(self.goal)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """Handle the controller's reply to point `index`."""
         if self.state is not GoalState.STREAMING or index != self.point:
             if self.state in UNCONFIRMED_STATES:
-                self._take_late_reply(packet, now)
+                self._handle_late_reply(packet, now)
             return
         self._standstill.alive = now
         if (no := reply_rejection(packet)) is not None:
@@ -206,19 +208,19 @@ class GoalExecution:
             self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
-        """Handle a negative reply to a message that the controller acknowledged before."""
+        """Handle the rejection of a message that the controller had acknowledged."""
         if self.state in RUNNING_STATES:
             where = self._name(self.target)
             self._reject(f'the controller withdrew an acknowledgement before {where}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
-        """Evaluate the robot state after new joints or a new status."""
+        """Process the robot state after new joints or a new status."""
         sample = robot.sample
         if self.ended or sample is None:
             return
-        looked, self._looked = self._looked, now
-        self._exclude_unscheduled_time(now, now - looked)
-        self._keep_time(robot, sample, now)
+        last_check, self._last_check = self._last_check, now
+        self._exclude_unscheduled_time(now, now - last_check)
+        self._advance_clock(robot, sample, now)
         if self._schedule is not None:
             self._arrival.see(sample.positions)
         self._standstill.see(sample, robot, self._stopped(), now)
@@ -227,31 +229,31 @@ class GoalExecution:
         elif self._rest_at is None:
             self._rest_at = self._plan_time
         if self.state in REJECTED_STATES:
-            self._look_for_cause(robot, now - max(looked, self._rejected_at))
+            self._check_cause(robot, now - max(last_check, self._rejected_at))
             return
-        message = robot.in_motion != TriState.UNKNOWN
-        if self.state is GoalState.SETTLING and not message:
-            self._standstill.expect_rest(UNSAID_REST_TIME_S)
+        reported = robot.in_motion != TriState.UNKNOWN
+        if self.state is GoalState.SETTLING and not reported:
+            self._standstill.expect_rest(UNREPORTED_REST_TIME_S)
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
-                self._judge(now, at_rest=message)
+                self._check_arrival(now, at_rest=reported)
             elif self.state in BRAKING_STATES:
-                self._rest(sample)
+                self._on_rest(sample)
         self._check_path(sample, now)
-        self._check_patience(now)
+        self._check_timeouts(now)
 
     def cancel(self, now: float) -> None:
-        """Stop because the goal was canceled. It ends as canceled when the arm is at rest."""
+        """Stop the arm. The goal ends as canceled when the arm is at rest."""
         outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled, the arm is at rest')
         self._stop(GoalEvent.CANCEL, outcome, now)
 
     def stop(self, why: str, now: float) -> None:
-        """Stop for another reason. The goal ends as aborted when the arm is at rest."""
+        """Stop the arm. The goal ends as aborted, with the reason, when the arm is at rest."""
         outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}, the arm is at rest')
         self._stop(GoalEvent.STOP, outcome, now)
 
     def pause(self, now: float) -> None:
-        """Stop until `resume`, with the arm at rest."""
+        """Stop the arm, and keep the goal until `resume`."""
         if self.state is GoalState.PREPARING:
             self._step(GoalEvent.PAUSE)
             return
@@ -259,9 +261,9 @@ class GoalExecution:
         self._stop(GoalEvent.PAUSE, outcome, now)
 
     def resume(self, sample: JointSample, limits: JointLimits, tolerance: float) -> None:
-        """Prepare the rest of a paused goal. Its trajectory starts where the arm is at rest.
+        """Reduce a paused goal to the rest of its trajectory, from the arm's position.
 
-        Raises GoalRejectedError if the arm is farther than `tolerance` (rad) from where it paused.
+        Raises GoalRejectedError if the arm has moved by more than `tolerance` (rad) since then.
         """
         if self._paused_at is None:
             check_start(self._plan, sample.positions, limits, tolerance)
@@ -282,14 +284,14 @@ class GoalExecution:
 
     @property
     def _expected(self) -> float:
-        """Plan time at which the arm stopped, s, as far as the driver knows."""
+        """Estimated plan time at which the arm stopped, s."""
         if self._schedule is None:
             return 0.0
         times = self.goal.trajectory.times
-        if self._planned_speed is not None and self._planned_speed.unplanned:
+        if self._timing_monitor is not None and self._timing_monitor.unplanned:
             target = max(self.point - ACCEPTED_EARLY, 0)
             time = float((times[target - 1] if target else 0.0) + times[target]) / 2
-        else:  # the arm is not beyond the last point that was sent
+        else:  # no later than the last point that was sent
             time = min(self._plan_time, float(times[self.target])) - EARLY_S
         fraction = time / max(self.goal.trajectory.duration, MIN_DURATION_S)
         expected = self._passed + (self._plan.duration - self._passed) * fraction
@@ -297,7 +299,7 @@ class GoalExecution:
 
     @contextlib.contextmanager
     def ended_by_rejection(self) -> Iterator[None]:
-        """End the goal by a fault if this block raises GoalRejectedError."""
+        """End the goal by a fault if the `with` block raises GoalRejectedError."""
         try:
             yield
         except GoalRejectedError as rejection:
@@ -309,11 +311,11 @@ class GoalExecution:
         code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
         remedy: Remedy = Remedy.NONE,
     ) -> None:
-        """End immediately because motion is not allowed. Sends STOP if anything was sent."""
+        """Abort the goal immediately, and send STOP if any point was sent."""
         if not self.ended:
-            self._end_at_once(GoalEvent.FAULT, why, code, remedy=remedy)
+            self._abort(GoalEvent.FAULT, why, code, remedy=remedy)
 
-    def _end_at_once(
+    def _abort(
         self,
         event: GoalEvent,
         why: str,
@@ -336,11 +338,12 @@ class GoalExecution:
         self._step(GoalEvent.REJECTION_MIDWAY if moved else GoalEvent.REJECTION)
         self._send_stop()
 
-    def _look_for_cause(self, robot: RobotState, gap: float) -> None:
-        """End a rejected goal with the cause from the first STATUS after the rejection, if any.
+    def _check_cause(self, robot: RobotState, gap: float) -> None:
+        """End a rejected goal with the cause from the first STATUS after the rejection.
 
-        `gap`, s, is the time since the last check. At most half the timeout counts per check: a
-        STATUS that arrived while this process was not scheduled is read before the next check.
+        The goal ends without a cause after a timeout. `gap`: time since the last check, s. At most
+        half the timeout counts per check, so that a STATUS which arrived while this process was
+        not scheduled is read first.
         """
         status = robot.status
         report = status is not None and robot.status_time > self._rejected_at
@@ -354,9 +357,9 @@ class GoalExecution:
             if error := status.error_code:
                 self.fault(f'controller error {robot.errors.phrase(error)}')
             else:
-                self._end_at_once(GoalEvent.FAULT, 'it reports no error', unexplained=True)
+                self._abort(GoalEvent.FAULT, 'it reports no error', unexplained=True)
         elif self._cause_waited > timeout:
-            self._end_at_once(GoalEvent.FAULT, 'no status shows the cause', unexplained=True)
+            self._abort(GoalEvent.FAULT, 'no status shows the cause', unexplained=True)
 
     def _send_stop(self) -> None:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops anyway
@@ -377,10 +380,11 @@ class GoalExecution:
         except ConnectionError as error:
             self.fault(f'STOP could not be sent: {error}')
 
-    def _take_late_reply(self, packet: Packet, now: float) -> None:
-        """Handle a point reply after STOP, which may actually be the reply to STOP.
+    def _handle_late_reply(self, packet: Packet, now: float) -> None:
+        """Handle the reply to a point after STOP was sent.
 
-        If the point reply never comes, the STOP reply is mistaken for it. The state then decides.
+        It may be the reply to STOP, if the reply to the point is missing. A longer standstill in
+        the joint state then ends the goal.
         """
         message = packet.message
         if not isinstance(message, MotionReply) and not sequence_of(message):
@@ -394,8 +398,8 @@ class GoalExecution:
         else:
             self.fault(f'the controller refused STOP ({no})')
 
-    def _rest(self, sample: JointSample) -> None:
-        """End or pause the goal: the arm is at rest after STOP."""
+    def _on_rest(self, sample: JointSample) -> None:
+        """End or pause the goal, because the arm is at rest after STOP."""
         if self.state is GoalState.PAUSING_CONFIRMED:
             self._paused_at, self._reached = sample.positions, self._expected
             self._step(GoalEvent.AT_REST)
@@ -413,8 +417,8 @@ class GoalExecution:
             stopped = np.minimum(stopped, self.goal.goal_velocity)
         return stopped
 
-    def _judge(self, now: float, *, at_rest: bool) -> None:
-        """Check whether an arm at rest, with all points acknowledged, is at the goal.
+    def _check_arrival(self, now: float, *, at_rest: bool) -> None:
+        """End the goal if the arm is at its end, or at rest elsewhere for SETTLE_TIME_S.
 
         `at_rest`: the controller reports that the arm is at rest.
         """
@@ -434,15 +438,15 @@ class GoalExecution:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _other_speed(self, timing: Timing) -> str:
-        """Return a clause if a goal ran at another speed than planned, else ''."""
+        """Log and return a text if the goal ran at another speed than planned, else ''."""
         own = self.goal.message is not None  # the controller chose the speed
-        why = '' if self._planned_speed is None or own else self._planned_speed.deviation(timing)
+        why = '' if self._timing_monitor is None or own else self._timing_monitor.deviation(timing)
         if not why:
             return ''
         _log.warning('a motion %s', why)
         return f', it {why}'
 
-    def _check_patience(self, now: float) -> None:
+    def _check_timeouts(self, now: float) -> None:
         if self.ended:
             return
         waited = now - self._standstill.alive
@@ -457,13 +461,13 @@ class GoalExecution:
             )
         elif self._schedule is not None and self.state is GoalState.STREAMING:
             if min(waited - self._schedule.duration, now - self._due) > timeout:
-                self._end_at_once(
+                self._abort(
                     GoalEvent.NO_REPLY,
                     f'no reply to {self._name(self.point)}: the arm has not moved for '
                     f'{waited:.3g} s',
                 )
         elif self.state in COUNTED_STATES and min(waited, now - self._due) > timeout:
-            self._end_at_once(
+            self._abort(
                 GoalEvent.NO_REPLY,
                 f'the controller did not confirm the standstill within {waited:.3g} s',
             )
@@ -478,17 +482,16 @@ class GoalExecution:
 
         `gap`: time since the last check, s.
         """
-        unseen = gap - MAX_COUNTED_GAP_S
-        if unseen > 0.0:
-            self._standstill.alive += unseen
+        excluded = gap - MAX_COUNTED_GAP_S
+        if excluded > 0.0:
+            self._standstill.alive += excluded
             if self._due < now:
-                self._due = min(self._due + unseen, now)
+                self._due = min(self._due + excluded, now)
 
-    def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
-        """Advance the plan's clock, and detect a pause of the controller.
+    def _advance_clock(self, robot: RobotState, sample: JointSample, now: float) -> None:
+        """Advance the plan's clock to the measurement time of the joints, unless paused.
 
-        The clock uses the time at which the joints were measured. They may have been delayed in
-        the network or by this process since then.
+        The arrival time is not used, because the network or this process may delay messages.
         """
         moves = self.state in RUNNING_STATES
         clock = None if self._schedule is None else self._schedule.clock
@@ -504,7 +507,7 @@ class GoalExecution:
             self._due = max(self._due, now)
 
     def _check_path(self, sample: JointSample, now: float) -> None:
-        """Compare new joints with the plan at the time of their measurement."""
+        """Stop if new joints are outside the path tolerance at the time of their measurement."""
         tolerance = self.goal.path_tolerance
         is_new, self._checked = sample is not self._checked, sample
         if (
@@ -536,7 +539,7 @@ class GoalExecution:
         self._stop(GoalEvent.STOP, outcome, now)
 
     def _send_point(self, now: float) -> None:
-        """Send the next point at the current speed."""
+        """Send the next point, scaled to the current speed factor."""
         if self._schedule is None:
             return
         index = self.point

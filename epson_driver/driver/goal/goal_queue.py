@@ -53,11 +53,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class GoalHandle:
-    """A goal in the queue. `on_end` receives its outcome, once, `on_feedback` each sample.
+    """A goal in the queue.
 
-    task: waits for fresh joints, for the smooth motion, or for the start time. None if the goal
-    had to wait for none of these. plan: the scope of a motion that was planned for the position at
-    its beginning. Such a goal must not replace another, and does not start once its scope ended.
+    on_end: called once, with the outcome. on_feedback: called with each joint sample. task: the
+    task that waits for fresh joints, for the smooth motion, or for the start time, if any. plan:
+    the planning scope of a motion that was planned from a specific start position, or None. Such a
+    goal is rejected while another goal runs, and after its scope has ended.
     """
 
     goal: Goal
@@ -69,7 +70,7 @@ class GoalHandle:
     plan: PlanningScope | None = None
 
     def continue_in_task(self, work: Coroutine[Any, Any, None]) -> None:
-        """Continue with `work` in a task, until `cancel_task`."""
+        """Run `work` in a task, which `cancel_task` cancels."""
         self.task = asyncio.create_task(work)
         self.task.add_done_callback(report_task_error)
 
@@ -82,9 +83,9 @@ class GoalHandle:
 class GoalQueue:
     """Executes one goal at a time.
 
-    `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
-    and with True if a reply is missing. `start_tolerance` (rad) and `settings` may be changed at
-    any time. Changed settings also apply to the running goal.
+    `on_broken_off(outcome, unanswered)` is called after a goal that requires the arm to be enabled
+    again. `unanswered` is True if a reply is missing. `start_tolerance` (rad) and `settings` may
+    be changed at any time. Changed settings also apply to the running goal.
     """
 
     def __init__(
@@ -98,17 +99,17 @@ class GoalQueue:
         on_broken_off: Callable[[Outcome, bool], None],
     ) -> None:
         self._limits = limits = configuration.limits
-        self._planned_speed = TimingMonitor(configuration.delivery, limits)
+        self._timing_monitor = TimingMonitor(configuration.delivery, limits)
         self.start_tolerance = 0.02
-        self.scaling = SpeedScaling(by_velocity=self._planned_speed.by_velocity)
+        self.scaling = SpeedScaling(by_velocity=self._timing_monitor.by_velocity)
         self.unsmoothed = 0
-        """Number of goals without a smooth motion inside every limit."""
+        """Number of goals that failed because no smooth motion within the limits exists."""
         self.last_timing: Timing | None = None
         """Planned and actual duration of the last goal that succeeded."""
         self.other_speed = 0
         """Number of goals that were executed at another speed than planned."""
         self.stops: list[str] = []
-        """Reasons of pending requests to stop. No goal starts while one is pending."""
+        """Reasons of the stops in progress. New goals are rejected while there are any."""
         self._robot = robot
         self._why_not = why_not
         self._stopper = stopper
@@ -137,9 +138,9 @@ class GoalQueue:
 
     @property
     def why_no_stream(self) -> str:
-        """Why a stream of setpoints cannot keep its speed, or ''."""
+        """Why setpoint streams are refused because the controller ignores their speed, or ''."""
         required = self._settings.require_planned_speed
-        return self._planned_speed.why_no_stream() if required else ''
+        return self._timing_monitor.why_no_stream() if required else ''
 
     @property
     def busy(self) -> bool:
@@ -158,7 +159,10 @@ class GoalQueue:
 
     @contextlib.contextmanager
     def stopping(self, why: str) -> Iterator[None]:
-        """End waiting goals, and goals submitted during this block, which may be older."""
+        """End waiting goals, and reject goals submitted during the `with` block.
+
+        Such goals may have been requested before the stop.
+        """
         self.stops.append(why)
         self.end_waiting(why)
         try:
@@ -179,8 +183,7 @@ class GoalQueue:
     def submit(self, handle: GoalHandle) -> None:
         """Execute a goal after stopping the running one, which ends as aborted.
 
-        Every goal is checked here. An invalid goal is aborted immediately, and the running goal is
-        unaffected.
+        An invalid goal is aborted immediately, and the running goal continues.
 
         If the pose is too old, the goal waits briefly for a newer one: the loop may not have been
         scheduled for a while, and newer joints may still be unread.
@@ -198,8 +201,8 @@ class GoalQueue:
             return
         self.plans.end(REPLACED)
         now = _now()
-        result = self._why_not(self._purpose, now)
-        if result is not None and result.cause is Cause.NO_POSE and self._robot.stale(now):
+        inhibit = self._why_not(self._purpose, now)
+        if inhibit is not None and inhibit.cause is Cause.NO_POSE and self._robot.stale(now):
             handle.continue_in_task(self._submit_later(handle))
             self._wait(handle)
         else:
@@ -213,9 +216,9 @@ class GoalQueue:
             self._submit(handle, now)
 
     def _submit(self, handle: GoalHandle, now: float) -> None:
-        """Start a goal, or let it wait for a stop. The age of the pose is judged at `now`.
+        """Start a goal, or queue it until the arm has stopped.
 
-        All checks use the same time, because this process may be delayed between two of them.
+        All checks use the time `now`, because this process may be delayed between two of them.
         """
         try:
             self.check(self._purpose, now)
@@ -232,7 +235,7 @@ class GoalQueue:
             self.execution.stop('replaced by a new goal', _now())
 
     def _wait(self, handle: GoalHandle) -> None:
-        """Queue a goal that waits for a pose or a stop, replacing the one already waiting."""
+        """Queue a goal that waits for a pose or a stop. It replaces the goal already waiting."""
         replaced, self._waiting = self._waiting, handle
         if replaced is not None:
             self._end_unstarted(replaced, REPLACED)
@@ -258,14 +261,14 @@ class GoalQueue:
         handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
-        """Start the waiting goal after a stop is over, unless it waits for a pose."""
+        """Start the waiting goal because the arm has stopped, unless it waits for a pose."""
         following = self._waiting
         if self._running is None and following is not None and following.task is None:
             self._waiting = None
             self._start(following, _now())
 
     def fault(self, why: str) -> None:
-        """End the running and the waiting goals immediately because motion is not allowed."""
+        """Abort the running and the waiting goals immediately."""
         self.end_waiting(why)
         if (execution := self.execution) is not None:
             execution.fault(f'{why} ({execution.where})')
@@ -276,9 +279,9 @@ class GoalQueue:
             self.execution.on_unsolicited_failure(_now())
 
     async def stop(self, why: str, timeout: float) -> Outcome | None:
-        """Stop the running goal and return its outcome, or None if there is none in time.
+        """Stop the running goal and return its outcome.
 
-        `timeout`: maximum wait for the outcome, s.
+        Returns None if no goal runs, or if it has not ended after `timeout` s.
         """
         handle = self._running
         if handle is None or handle.execution is None:
@@ -291,7 +294,7 @@ class GoalQueue:
         return handle.outcome
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Notify the running goal of new joints."""
+        """Pass new joints to the running goal, and resume it if it is paused and may resume."""
         handle = self._running
         if handle is not None and (execution := handle.execution) is not None:
             execution.on_state(self._robot, now)
@@ -301,7 +304,7 @@ class GoalQueue:
                 handle.on_feedback(execution, sample)
 
     def on_status(self, now: float) -> None:
-        """Notify the running goal of a STATUS that permits motion."""
+        """Pass a new STATUS to the running goal, and log when the controller pauses it."""
         execution = self.execution
         if execution is None:
             return
@@ -314,17 +317,18 @@ class GoalQueue:
 
     @property
     def _purpose(self) -> Purpose:
-        """Purpose of a new goal. It needs no pose while the arm moves without one."""
+        """Purpose of a new goal. GOAL needs no pose, if none is reported while a goal runs."""
         moves = self._running is not None and self._robot.joints_unavailable
         return Purpose.GOAL if moves else Purpose.READY
 
     def check(self, purpose: Purpose, now: float) -> None:
-        """Raise GoalRejectedError if a purpose is not allowed at `now`, s."""
-        if (result := self._why_not(purpose, now)) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, result.text_with_remedy, result.remedy)
+        """Raise GoalRejectedError if `purpose` is inhibited at `now`, s."""
+        if (inhibit := self._why_not(purpose, now)) is not None:
+            text = inhibit.text_with_remedy
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, text, inhibit.remedy)
 
     def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
-        """Return the joint sample. Raises GoalRejectedError if the arm may not move at `now`."""
+        """Return the newest joints. Raises GoalRejectedError if `purpose` is inhibited."""
         self.check(purpose, now)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
@@ -344,7 +348,7 @@ class GoalQueue:
             partial(self._on_end, handle),
             now,
             self.scaling,
-            self._planned_speed,
+            self._timing_monitor,
         )
         if self.scaling.target:
             self._prepare(handle, handle.execution, sample)
@@ -352,15 +356,15 @@ class GoalQueue:
             handle.execution.pause(now)
 
     def set_speed(self, factor: float) -> str:
-        """Request a speed scaling, or a pause with 0, and return a sentence about its effect.
+        """Set the speed scaling (0 pauses), and return a text that describes its effect.
 
-        Raises ValueError if the controller cannot apply it.
+        Raises ValueError if the factor is out of range, or if the controller does not support it.
         """
         running = None if self.execution is None else self.execution.goal.trajectory
-        self._planned_speed.check_factor(factor, running)
+        self._timing_monitor.check_factor(factor, running)
         now = _now()
-        result = self._why_not(Purpose.GOAL, now)
-        streams = result is not None and result.cause is Cause.STREAM
+        inhibit = self._why_not(Purpose.GOAL, now)
+        streams = inhibit is not None and inhibit.cause is Cause.STREAM
         self.scaling.set(factor, now, ramp=self.busy or streams)
         handle = self._running
         if factor or handle is None or handle.execution is None:
@@ -372,7 +376,7 @@ class GoalQueue:
         return 'pausing: the arm brakes, then the motion waits'
 
     def _resume(self, handle: GoalHandle, execution: GoalExecution, now: float) -> None:
-        """Continue a paused goal if it may resume."""
+        """Resume a paused goal, unless this is inhibited."""
         if self._why_not(Purpose.RESUME, now) is not None:
             return
         with execution.ended_by_rejection():
@@ -383,7 +387,7 @@ class GoalQueue:
             self._prepare(handle, execution, sample)
 
     def _prepare(self, handle: GoalHandle, execution: GoalExecution, sample: JointSample) -> None:
-        """Plan a goal's motion if a smoother is set, and execute it at its start time."""
+        """Smooth a goal's motion if smoothing is configured, and execute it at its start time."""
         if self.smoother is None and execution.goal.start <= _now():
             with execution.ended_by_rejection():
                 self._execute(execution, execution.goal.trajectory, sample)
@@ -391,9 +395,10 @@ class GoalQueue:
             handle.continue_in_task(self._execute_later(execution, sample))
 
     async def _execute_later(self, execution: GoalExecution, sample: JointSample) -> None:
-        """Plan a goal's motion, wait for its start, and execute it unless it was stopped.
+        """Smooth a goal's motion, wait for its start time, and execute it.
 
-        The arm must still be at rest at the start position.
+        Does nothing if the goal was stopped before. The goal ends by a fault if the arm is no
+        longer at rest at the start position.
         """
         motion = execution.goal.trajectory
         if self.smoother is not None:
@@ -413,7 +418,7 @@ class GoalQueue:
                 self._execute(execution, motion, self._start_sample(motion, now))
 
     def _start_sample(self, trajectory: Trajectory, now: float) -> JointSample:
-        """Return the joint sample. Raises GoalRejectedError unless a trajectory may start now."""
+        """Return the newest joints. Raises GoalRejectedError if the trajectory must not start."""
         sample = self.ready_sample(now, Purpose.START)
         check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
         return sample
@@ -421,12 +426,12 @@ class GoalQueue:
     def _execute(
         self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
     ) -> None:
-        """Send the first point. Raises GoalRejectedError if the controller cannot execute it."""
+        """Send the first point. Raises GoalRejectedError if the controller does not support it."""
         if (message := execution.goal.message) is not None:
             prepared = PreparedTrajectory(trajectory, [message])
         else:
             if self._settings.require_planned_speed and not execution.resumed:
-                self._planned_speed.check(trajectory, sample.positions, self.scaling.target)
+                self._timing_monitor.check(trajectory, sample.positions, self.scaling.target)
             prepared = self._stopper.delivery.prepare(trajectory, sample.positions)
         execution.start(prepared, _now(), sample.positions)
 

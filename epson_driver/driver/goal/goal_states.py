@@ -16,21 +16,21 @@ Rules:
    goal when the arm is at rest. If the STOP reply was mistaken for a missing point reply, a longer
    standstill in the joint state decides. A fault sends STOP and ends the goal immediately, because
    it cannot wait for an arm whose state may no longer be available.
-5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for up to `cause_timeout`: it
-   contains the cause. While the arm still brakes, the cause may not be set yet, so the wait
+5. After a FAILURE reply the goal sends STOP and waits up to `cause_timeout` for the next STATUS,
+   which contains the cause. While the arm still brakes, the cause may not be set yet, so the wait
    extends to the reply timeout.
 6. A joint that leaves its path tolerance stops the arm, and the goal ends when the arm is at rest.
    The joint is compared with the planned position at that time (reference.py) until the plan ends.
 7. While the controller is paused (PauseDetector), the goal waits without a time limit: the plan's
    clock stops and no timeout expires.
-8. A pause (speed scaling 0) is a STOP that keeps the goal. No point is sent while the arm is at
-   rest. At the next nonzero factor the rest of the plan is checked, prepared and sent like a new
-   goal, starting from the arm's position. An unconfirmed pause ends the goal like any other STOP.
-9. A goal breaks off when the controller does not answer in time, or rejects a later message after
-   it has accepted points. Whether it will still execute those points is then unknown, so the arm
-   must be enabled again. The reply timeout starts when the plan reaches the point where the reply
-   is due, at the speed at which points were sent. Until then the plan may keep the arm at rest.
-10. AFTERMATH defines, for each transition that ends a goal, the known state of the arm afterward.
+8. A pause (speed scaling 0) is a STOP that keeps the goal. No point is sent during the pause. When
+   the speed scaling is above 0 again, the rest of the plan is checked, prepared and sent like a
+   new goal, starting from the arm's position. If STOP is not acknowledged, the goal ends.
+9. A goal breaks off when the controller does not reply in time, or rejects a message after it has
+   accepted points. Whether it will still execute those points is then unknown, so the arm must be
+   enabled again. The reply timeout starts at the planned time of the pending point, with speed
+   scaling included. Until then the plan itself may keep the arm at rest.
+10. AFTERMATH defines what is known about the arm after each transition that ends a goal.
 """
 
 from dataclasses import dataclass
@@ -42,8 +42,8 @@ class GoalState(Enum):
 
     Rejected: a point was refused and none was accepted before it. Rejected midway: a point was
     refused after others were accepted. Canceling, stopping and pausing: STOP is pending.
-    Confirmed: STOP was acknowledged. Paused: the arm is at rest, and the goal waits for another
-    speed factor.
+    Confirmed: STOP was acknowledged. Paused: the arm is at rest, and the goal waits until the
+    speed scaling is above 0.
     """
 
     PREPARING = 'preparing'
@@ -165,7 +165,7 @@ AT_REST_UNCONFIRMED = FinalArmState(at_rest=True, broken_off=True, unanswered=Tr
 REJECTED_MIDWAY = FinalArmState(broken_off=True)
 NO_REPLY = FinalArmState(broken_off=True, unanswered=True)
 UNKNOWN = FinalArmState()
-"""For a goal that has not ended, and for one ended by a fault."""
+"""State after a fault, and before the goal has ended."""
 
 AFTERMATH: dict[tuple[GoalState, GoalEvent], FinalArmState] = {
     (GoalState.SETTLING, GoalEvent.AT_GOAL): AT_REST,
@@ -177,4 +177,4 @@ AFTERMATH: dict[tuple[GoalState, GoalEvent], FinalArmState] = {
     **{(state, GoalEvent.AT_REST): AT_REST_UNCONFIRMED for state in UNCONFIRMED_STATES},
     **{(state, GoalEvent.NO_REPLY): NO_REPLY for state in RUNNING_STATES | BRAKING_STATES},
 }
-"""Known state by the transition that ended the goal. UNKNOWN for all other faults."""
+"""State of the arm after each transition that ends a goal. All other transitions mean UNKNOWN."""

@@ -22,67 +22,71 @@ _log = logging.getLogger(__name__)
 
 
 class PlanningEndedError(RuntimeError):
-    """The goal must not start any more. The text contains the reason."""
+    """Raised if a goal was canceled during planning. The text contains the reason."""
 
 
 class PlanningScope:
-    """A goal that is being planned. Created in any thread, used in the driver's loop."""
+    """Cancellation of one goal that is being planned.
+
+    Any thread may create a scope. All methods must be called in the driver's event loop.
+    """
 
     def __init__(self) -> None:
         self.why: str | None = None
-        """Why the goal must not start, or None if it may."""
+        """Reason for the cancellation, or None if the goal may start."""
         self._ended: asyncio.Future[None] | None = None
 
     def end(self, why: str) -> None:
-        """Cancel the goal before it starts, and wake up the caller waiting for its plan."""
+        """Cancel the goal, so that a pending `in_thread` raises PlanningEndedError."""
         if self.why is None:
             self.why = why
             if self._ended is not None and not self._ended.done():
                 self._ended.set_result(None)
 
     def check(self) -> None:
-        """Raise PlanningEndedError if the goal must not start any more."""
+        """Raise PlanningEndedError if the goal is canceled."""
         if self.why is not None:
             raise PlanningEndedError(self.why)
 
     async def in_thread(self, work: Callable[[Callable[[], None]], T]) -> T:
         """Run `work` in a thread, and return its result or raise its exception.
 
-        `work` must call its argument at each step. The argument raises PlanningEndedError once the
-        result is not needed, because the process waits for its threads when it exits. Raises
-        PlanningEndedError as soon as the goal is canceled, without waiting for the thread.
+        Raises PlanningEndedError as soon as the goal is canceled, without waiting for the thread.
+        `work` receives a function and must call it at each step. The function raises
+        PlanningEndedError if the result is no longer needed. The thread then ends early, because
+        the process waits for its threads when it exits.
         """
         self.check()
         loop = asyncio.get_running_loop()
-        left = threading.Event()
+        abandoned = threading.Event()
         self._ended = loop.create_future()
 
-        def look() -> None:
-            if left.is_set():
+        def check_needed() -> None:
+            if abandoned.is_set():
                 raise PlanningEndedError(self.why or 'the result is no longer needed')
 
-        planning = loop.run_in_executor(None, copy_context().run, work, look)
-        planning.add_done_callback(lambda done: _take(done, left=left.is_set()))
+        planning = loop.run_in_executor(None, copy_context().run, work, check_needed)
+        planning.add_done_callback(lambda done: _log_error(done, abandoned=abandoned.is_set()))
         try:
             either: set[asyncio.Future[Any]] = {planning, self._ended}
             await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
             self.check()
             return planning.result()
         finally:
-            left.set()
+            abandoned.set()
 
 
 class PlanningScopes:
-    """All goals of a driver that are being planned. Everything runs in the driver's loop."""
+    """All goals of a driver that are being planned. Used only in the driver's event loop."""
 
     def __init__(self) -> None:
         self._plans: WeakValueDictionary[int, PlanningScope] = WeakValueDictionary()
         self._numbers = count()
 
     def begin(self, plan: PlanningScope | None = None) -> PlanningScope:
-        """Register a new or given plan, to be canceled with the others, and return it.
+        """Register a goal for `end`, and return its scope.
 
-        The registration ends automatically with the last reference to the plan.
+        `plan`: the goal's scope, or None to create one. Only a weak reference is stored.
         """
         plan = PlanningScope() if plan is None else plan
         self._plans[next(self._numbers)] = plan
@@ -95,10 +99,10 @@ class PlanningScopes:
         self._plans.clear()
 
 
-def _take(done: 'asyncio.Future[T]', *, left: bool) -> None:
-    """Retrieve the exception of a plan without a waiting caller, usually its cancellation."""
+def _log_error(done: 'asyncio.Future[T]', *, abandoned: bool) -> None:
+    """Log an unexpected error of a planning thread if no caller waits for its result."""
     if done.cancelled():
         return
     error = done.exception()
-    if left and error is not None and not isinstance(error, ValueError | PlanningEndedError):
+    if abandoned and error is not None and not isinstance(error, ValueError | PlanningEndedError):
         _log.warning('planning of a cancelled goal failed: %r', error)

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planned state of a goal over time, and the next point to send, with speed scaling.
 
-Rules:
-1. The clock starts with the first point and runs regardless of the controller. An arm that stops
-   at each point therefore falls behind it.
-2. A segment whose end was sent runs at the factor with which that point was sent: a later factor
-   does not change a point that the controller has acknowledged. Further segments run at the
-   present factor.
-3. The clock stops while the controller is paused, and when the goal is stopped or paused.
+Rules for the clock of a plan:
+1. It starts with the first point and runs regardless of the arm. An arm that stops at each point
+   therefore falls behind the plan.
+2. A segment runs at the speed factor with which its last point was sent. A later change of the
+   factor does not affect points that the controller has acknowledged. Segments that were not sent
+   run at the current factor.
+3. It stops while the controller is paused, and when the goal is stopped or paused.
 """
 
 import math
@@ -25,18 +25,18 @@ from epson_driver.motion.interpolation import Interpolation
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
 
 RAMP_PER_S = 2.0
-"""Rate at which the factor changes, 1/s: it takes half a second from rest to full speed."""
+"""Rate of change of the speed factor, 1/s. A ramp from 0 to 1 takes 0.5 s."""
 
 MIN_FACTOR = 0.01
-"""Smallest factor that is not a pause. Points would take too long with a smaller one."""
+"""Minimum speed factor other than 0. A smaller one would make points take too long."""
 
 M = TypeVar('M', bound=Message)
 
 
 class SpeedScaling:
-    """A factor that changes in a ramp, except to a pause. Times (`now`) are monotonic, s.
+    """Speed factor of all motions. It changes in a ramp, except to 0, which is a pause.
 
-    `by_velocity`: the controller uses the velocities of points.
+    `by_velocity`: the controller uses the velocities of points. Times (`now`) are monotonic, s.
     """
 
     def __init__(self, *, by_velocity: bool = True) -> None:
@@ -51,9 +51,9 @@ class SpeedScaling:
         return self._target
 
     def set(self, factor: float, now: float, *, ramp: bool = True) -> None:
-        """Request another factor, to be reached in a `ramp` or immediately.
+        """Set the target of the factor, which is reached in a `ramp` or immediately.
 
-        Raises ValueError that names the allowed range.
+        Raises ValueError if the factor is out of range.
         """
         if not (factor == 0.0 or MIN_FACTOR <= factor <= 1.0):
             raise ValueError(
@@ -63,11 +63,11 @@ class SpeedScaling:
         self._from, self._target, self._since = start, factor, now
 
     def start_from_rest(self, now: float) -> None:
-        """Ramp up from 0, as the arm starts from rest in the middle of a plan."""
+        """Ramp up from 0 to the target, for an arm at rest in the middle of a plan."""
         self._from, self._since = 0.0, now
 
     def factor(self, now: float) -> float:
-        """Return the factor at a time after the last `set`. A pause takes effect immediately."""
+        """Return the factor at `now`, at or after the last `set`."""
         change = self._target - self._from
         if not change or not self._target:
             return self._target
@@ -77,18 +77,18 @@ class SpeedScaling:
         return self._from + (done if change > 0.0 else -done)
 
     def least(self, message: Message) -> float:
-        """Return the factor (0, 1] below which a point cannot be sent, or 0 if any can.
+        """Return the minimum factor (0, 1] for a point's message, or 0 if there is none.
 
-        No velocity below MIN_VELOCITY is sent, so the arm would be faster than its clock.
+        Below it the velocity would be less than MIN_VELOCITY, which is never sent.
         """
         if not (self._by_velocity and isinstance(message, JointTrajPt)):
             return 0.0
         return MIN_VELOCITY / message.velocity
 
     def time_for(self, planned: float, now: float) -> float:
-        """Return the actual duration of `planned` s of a plan from `now`, s, with the ramp.
+        """Return how long a section of a plan takes from `now` on, s, including the ramp.
 
-        The target must not be 0.
+        `planned`: duration of the section at factor 1, s. The target must not be 0.
         """
         factor = self.factor(now)
         if factor == self._target:
@@ -106,8 +106,8 @@ class SpeedScaling:
 def scaled(message: M, factor: float, delay: float) -> M:
     """Return a point's message at `factor` (0, 1] of its planned speed.
 
-    `delay` is the delay of the point relative to the plan, s, for messages whose time counts from
-    the start of the trajectory.
+    `delay` is the delay of the point relative to the plan, s. Only JOINT_TRAJ_PT_FULL uses it,
+    because its time counts from the start of the trajectory.
     """
     if factor == 1.0 and delay == 0.0:
         return message
@@ -128,7 +128,7 @@ def scaled(message: M, factor: float, delay: float) -> M:
 
 
 class ReferenceTrajectory:
-    """A trajectory as a function of time, interpolated as joint_trajectory_controller does.
+    """A trajectory as a function of time, interpolated like in joint_trajectory_controller.
 
     `start` (shape (n,), rad) is the arm's position at 0 s.
     """
@@ -137,16 +137,16 @@ class ReferenceTrajectory:
         parts = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
         self._last = trajectory.positions[-1]
         self._end = trajectory.duration
-        self._begin = float(trajectory.times[0])
+        self._first_time = float(trajectory.times[0])
         self._first = Interpolation(
-            np.array([0.0, self._begin]),
+            np.array([0.0, self._first_time]),
             np.stack([start, trajectory.positions[0]]),
             *(
                 None if part is None else np.stack([np.zeros_like(start), part[0]])
                 for part in parts[1:]
             ),
         )
-        """Segment from the arm's position to the first point, if that has a time."""
+        """Segment from the arm's position to the first point, if the point's time is not 0."""
         self._interpolation = Interpolation(trajectory.times, *parts)
 
     def at(self, time: float) -> tuple[Array, Array]:
@@ -154,18 +154,18 @@ class ReferenceTrajectory:
         if time >= self._end:
             return self._last, np.zeros_like(self._last)
         time = max(time, 0.0)
-        part = self._first if time < self._begin else self._interpolation
+        part = self._first if time < self._first_time else self._interpolation
         positions, velocities, _ = part.at(time)
         return positions, velocities
 
 
 class GoalClock:
-    """The time on a goal's plan, which starts at the first `now`. Times are monotonic, s."""
+    """The plan time of a goal, which starts at 0 at the first `now`. Times are monotonic, s."""
 
     def __init__(self, trajectory: Trajectory, start: Array, scaling: SpeedScaling, now: float):
         self.time = 0.0
         self.rate = scaling.factor(now)
-        """Last rate of the clock: 1 is the plan's own, 0 is stopped."""
+        """Current rate of the clock: 1 at the planned speed, 0 while stopped."""
         self._scaling = scaling
         self._reference = ReferenceTrajectory(trajectory, start)
         self._times = trajectory.times
@@ -177,37 +177,37 @@ class GoalClock:
         self._factors.append(factor)
 
     def advance(self, now: float, *, running: bool = True) -> None:
-        """Advance by the time since the last call."""
-        left, self._now = now - self._now, max(now, self._now)
-        if not running or left < 0.0:
+        """Advance by the time since the last call, or only set `rate` to 0 if not `running`."""
+        remaining, self._now = now - self._now, max(now, self._now)
+        if not running or remaining < 0.0:
             self.rate = 0.0
             return
-        while left > 0.0:
+        while remaining > 0.0:
             segment = int(np.searchsorted(self._times, self.time, side='right'))
             if segment >= len(self._factors):
                 self.rate = self._scaling.factor(now)
-                self.time += left * self.rate
+                self.time += remaining * self.rate
                 return
             self.rate = self._factors[segment]
             end = float(self._times[segment])
             needed = (end - self.time) / self.rate
-            if needed > left:
-                self.time += left * self.rate
+            if needed > remaining:
+                self.time += remaining * self.rate
                 return
             self.time = end
-            left -= needed
+            remaining -= needed
 
     def desired(self) -> tuple[Array, Array]:
-        """Return the desired positions and velocities, shape (n,), rad and rad/s."""
+        """Return the planned positions and velocities, shape (n,), rad and rad/s."""
         positions, velocities = self._reference.at(self.time)
         return positions, velocities * self.rate
 
 
 class PointSchedule:
-    """Scales the messages of one trajectory to the current speed, and runs its clock.
+    """Scales the messages of one trajectory to the current speed factor.
 
-    `start`: shape (n,), rad, where the arm is at rest. `begins_by`: latest time at which the
-    controller starts to move it, monotonic, s.
+    `start`: position of the arm at rest, shape (n,), rad. `start_by`: latest time at which the
+    controller starts the motion, monotonic, s.
     """
 
     def __init__(
@@ -215,12 +215,12 @@ class PointSchedule:
         prepared: PreparedTrajectory,
         start: Array,
         scaling: SpeedScaling,
-        begins_by: float,
+        start_by: float,
     ) -> None:
-        self.clock = GoalClock(prepared.trajectory, start, scaling, begins_by)
+        self.clock = GoalClock(prepared.trajectory, start, scaling, start_by)
         self.duration = 0.0
         """Duration of the last point that was sent, s."""
-        self._sent_until = begins_by
+        self._sent_until = start_by
         self._scaling = scaling
         self._delay = 0.0
         self._times = prepared.trajectory.times.data  # gives floats, as an array does not
@@ -231,21 +231,24 @@ class PointSchedule:
         return len(self._messages)
 
     def ahead(self, index: int) -> float:
-        """Return how far ahead of the clock a point is, s, or 0 if it is not."""
+        """Return the plan time left until a point, s, or 0 if the clock has passed it."""
         return max(self._times[index] - self.clock.time, 0.0)
 
     def message(self, index: int, now: float) -> Message:
-        """Return the next point to send, at the current speed, which must not be a pause."""
+        """Return the message of point `index`, scaled to the current factor, which is not 0.
+
+        Points must be requested in order, when they are sent.
+        """
         before = self._times[index - 1] if index else 0.0
         planned = max(self._times[index] - before, MIN_DURATION_S)
-        start = max(now, self._sent_until)  # it runs after the earlier points
+        start = max(now, self._sent_until)  # after the earlier points
         message = self._messages[index]
-        takes = self._scaling.time_for(planned, start)
-        factor = max(planned / takes, self._scaling.least(message))
-        takes = planned / factor
-        self._sent_until = start + takes
-        self._delay += takes - planned
+        factor = planned / self._scaling.time_for(planned, start)
+        factor = max(factor, self._scaling.least(message))
+        duration = planned / factor
+        self._sent_until = start + duration
+        self._delay += duration - planned
         message = scaled(message, factor, self._delay)
-        self.duration = max(takes, getattr(message, 'duration', 0.0))
+        self.duration = max(duration, getattr(message, 'duration', 0.0))
         self.clock.sent(factor)
         return message

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks whether the controller keeps the planned speed of a goal.
+"""Checks whether the controller can execute, and has executed, a plan at its speed.
 
-Times are plan times, without the delays from pauses and speed scaling.
+Times are plan times: pauses and speed scaling do not change them.
 """
 
 from dataclasses import dataclass
@@ -17,15 +17,16 @@ from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.profiles.profile_rules import FieldsUsed
 
-MIN_DEVIATION_SHARE = 0.2
-"""Relative difference between actual and planned time that counts as another speed."""
+MIN_DEVIATION_FRACTION = 0.2
+"""Minimum difference between actual and planned time that counts as another speed, as a fraction
+of the planned time."""
 
 MIN_FASTER_S, MIN_SLOWER_S = 0.3, 0.5
-"""Minimum absolute difference, s. A slower motion may be a short one with the usual start delay of
-the controller, and detecting the standstill takes part of the time."""
+"""Minimum absolute difference for a faster and a slower motion, s. A slower motion needs more,
+because the start delay of the controller and the detection of standstill add to its time."""
 
 MAX_FASTER = 1.25
-"""Tolerated factor by which the controller may be faster than a plan's fastest joint."""
+"""Maximum ratio of the controller's speed to the speed of a plan's fastest joint."""
 
 REMEDY = "lower the controller's own speed (in its program, or by the override of its pendant)"
 
@@ -49,13 +50,13 @@ class Timing:
         """Whether the goal ran at another speed than planned."""
         late = self.executed - self.planned
         minimum = MIN_SLOWER_S if late > 0.0 else MIN_FASTER_S
-        return abs(late) > max(minimum, MIN_DEVIATION_SHARE * self.planned)
+        return abs(late) > max(minimum, MIN_DEVIATION_FRACTION * self.planned)
 
 
 class TimingMonitor:
-    """Determines which speeds the controller can execute, from its use of the times of points.
+    """Checks speed scaling, plans and streams against the speeds that the controller supports.
 
-    All checks of speed scaling, plans and streams are here.
+    Some controllers ignore the velocities of points, their durations, or both.
     """
 
     def __init__(self, rules: DeliveryRules, limits: JointLimits) -> None:
@@ -80,7 +81,7 @@ class TimingMonitor:
         self._limits = limits
 
     def deviation(self, timing: Timing) -> str:
-        """Return a clause with both times and the reason, or '' if they are about the same."""
+        """Return a text with both times and the reason if they differ too much, else ''."""
         if not timing.deviates:
             return ''
         return f'took {timing.executed:.3g} s instead of {timing.planned:.3g} s: {self._why}'
@@ -102,13 +103,13 @@ class TimingMonitor:
             raise ValueError(f'factor = {factor:g}: {why}')
 
     def why_no_stream(self) -> str:
-        """Return why the controller cannot keep the speed of a setpoint stream, or ''."""
+        """Return why the controller cannot execute setpoint streams at their speed, or ''."""
         return f'streams of setpoints have no speed here: {self._fixed}' if self.unplanned else ''
 
     def check(self, trajectory: Trajectory, start: Array, factor: float) -> None:
         """Raise GoalRejectedError if the controller would execute a plan faster than planned.
 
-        `start`: shape (n,), rad, where the arm is at rest. `factor`: the speed scaling.
+        `start`: position of the arm at rest, shape (n,), rad. `factor`: the speed scaling.
         """
         fastest = self._fastest(trajectory, start) * factor
         why = self._too_slow(fastest)
@@ -121,19 +122,23 @@ class TimingMonitor:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.ALLOW_OTHER_SPEED)
 
     def _too_slow(self, fastest: float) -> str:
-        """Return why a plan is too slow, or ''. `fastest`: its highest fraction of a limit."""
+        """Return why the controller cannot move as slowly as a plan, or ''.
+
+        `fastest`: speed of the plan's fastest joint, as a fraction of its limit.
+        """
         if self._slowest <= MAX_FASTER * fastest:
             return ''
         return (
-            f'the plan moves at {fastest:.3g} of the velocity limits at most: the least that the '
-            f'controller has is {self._slowest:g}'
+            f'the plan moves at {fastest:.3g} of the velocity limits at most: the minimum of the '
+            f'controller is {self._slowest:g}'
         )
 
     def _fastest(self, trajectory: Trajectory, start: Array) -> float:
-        """Return the highest speed of a plan, as a fraction of the joint's limit."""
+        """Return the speed of a plan's fastest joint, as a fraction of its velocity limit."""
         steps = np.abs(np.diff(trajectory.positions, axis=0, prepend=start[None, :]))
         times = np.diff(trajectory.times, prepend=0.0)
-        shares = steps[times > 0.0] / times[times > 0.0][:, None] / self._limits.velocity
+        fractions = steps[times > 0.0] / times[times > 0.0][:, None] / self._limits.velocity
         if trajectory.velocities is not None:
-            shares = np.vstack([shares, np.abs(trajectory.velocities) / self._limits.velocity])
-        return float(np.max(shares, initial=0.0))
+            at_points = np.abs(trajectory.velocities) / self._limits.velocity
+            fractions = np.vstack([fractions, at_points])
+        return float(np.max(fractions, initial=0.0))

@@ -16,7 +16,7 @@ UNCONFIRMED_REST_TIME_S = 1.0
 """Minimum standstill if the controller has not confirmed STOP, s. It may be slow to execute
 earlier messages."""
 
-UNSAID_REST_TIME_S = 0.2
+UNREPORTED_REST_TIME_S = 0.2
 """Minimum standstill at a goal if the controller does not report whether the arm moves, s."""
 
 MIN_MOVEMENT_RAD = 1e-4

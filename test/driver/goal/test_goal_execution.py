@@ -28,7 +28,7 @@ from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.standstill import (
     REST_TIME_S,
     UNCONFIRMED_REST_TIME_S,
-    UNSAID_REST_TIME_S,
+    UNREPORTED_REST_TIME_S,
 )
 from epson_driver.simple_message import TriState
 
@@ -172,7 +172,7 @@ def test_measured_standstill_decides_while_in_motion_is_unknown(status):
         harness.move_to(point)
         harness.answer()
     assert harness.state == 'settling'
-    harness.see(UNSAID_REST_TIME_S - 2 * DT, status=status)
+    harness.see(UNREPORTED_REST_TIME_S - 2 * DT, status=status)
     assert harness.state == 'settling'
     harness.see(0.15, status=status)
     assert harness.outcome.end is End.SUCCEEDED
@@ -186,7 +186,7 @@ def test_passing_the_goal_is_no_success():
         harness.now += DT
         harness.joints(harness.at + np.array([0.02 * DT, 0.0]))
         assert not harness.outcomes
-    harness.see(UNSAID_REST_TIME_S + 0.1)
+    harness.see(UNREPORTED_REST_TIME_S + 0.1)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -198,7 +198,7 @@ def test_inv9_creeping_arm_is_not_at_the_goal():
     harness.at = np.array((0.993, 0.5))
     harness.see(1.0, moving=0.005)
     assert not harness.outcomes
-    harness.see(UNSAID_REST_TIME_S + 0.1)
+    harness.see(UNREPORTED_REST_TIME_S + 0.1)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -237,7 +237,7 @@ def test_single_sample_is_no_standstill():
         harness.now += 0.03
         harness.status()
         assert not harness.outcomes
-    harness.see(UNSAID_REST_TIME_S + 0.05)
+    harness.see(UNREPORTED_REST_TIME_S + 0.05)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -763,7 +763,7 @@ def test_inv9_path_within_tolerance_does_not_succeed_before_planned_time():
     harness.see(0.8)
     assert harness.state == 'settling'
     harness.move_to((0.009, 0.0), 0.1)
-    harness.see(UNSAID_REST_TIME_S + 0.1)
+    harness.see(UNREPORTED_REST_TIME_S + 0.1)
     assert harness.outcome.end is End.SUCCEEDED
     assert harness.now - harness.execution.started >= 1.0
 
@@ -785,7 +785,7 @@ def test_inv9_arm_still_at_start_within_tolerance_is_not_at_the_goal():
     assert not harness.outcomes
     harness.move_to((0.009, 0.0), 0.1)
     assert not harness.outcomes
-    harness.see(UNSAID_REST_TIME_S + 0.1)
+    harness.see(UNREPORTED_REST_TIME_S + 0.1)
     assert harness.outcome.end is End.SUCCEEDED
 
 
