@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Configuration of a driver: the controller's address and rules, and how goals are executed."""
+"""Configuration of a driver: address and properties of the controller, smoothing of goals."""
 
 from dataclasses import dataclass
 
@@ -22,16 +22,16 @@ USUAL_IO = IoProfile()
 
 @dataclass(frozen=True)
 class Configuration:
-    """Address, kind and expectations of the controller. An I/O or remote port of 0 is not used.
+    """Address and properties of the controller. An I/O or remote port of 0 is not used.
 
-    `errors`: texts of its error numbers; None: EPSON's. `delivery`: how trajectories are sent.
-    `io`: its I/O points and access to them. `mapping`: its joint convention; None: ROS's.
-    `usual_byte_order`: used until messages show the byte order, if `byte_order` is None. `motors`:
-    how motors are switched and errors reset. `state_period`: initial estimate of the time between
-    two state messages, s. `margins`: how far beyond `limits` joints may be reported.
-    `configured_as`: kind of controller and robot, for people. `client_timeout`: time for which the
-    controller lets the arm move without a message from the driver, s; 0: until its points end.
-    `password`: for Remote Ethernet, if that moves the arm.
+    `errors`: texts of error numbers; None: EPSON's. `delivery`: how trajectories are sent. `io`:
+    I/O points and how to access them. `mapping`: conversion of joint values; None: the controller
+    uses the ROS convention. `byte_order`: None: detected from messages, and `usual_byte_order`
+    before that. `motors`: how motors are switched and errors reset. `state_period`: initial
+    estimate of the time between two state messages, s. `margins`: tolerances for reported joints
+    beyond `limits`. `configured_as`: controller and robot model, for texts. `client_timeout`: time
+    after which the controller stops the arm if it receives nothing from the driver, s; 0: never.
+    `password`: Remote Ethernet password, used if the controller runs no program.
     """
 
     host: str
@@ -62,7 +62,7 @@ class Configuration:
 
     @property
     def statements(self) -> bool:
-        """Whether Remote Ethernet is used for everything, as the controller runs no program."""
+        """Whether only Remote Ethernet is used, because the controller runs no program."""
         return self.delivery.interface == 'statements'
 
     @property
@@ -72,12 +72,12 @@ class Configuration:
 
     @property
     def joint_mapping(self) -> JointMapping:
-        """The configured mapping, or the identity."""
+        """The configured joint mapping, or the identity."""
         return self.mapping or unmapped(len(self.limits.names))
 
     @property
     def state_rules(self) -> StateRules:
-        """Expectations of the controller's state."""
+        """Rules for the controller's state messages."""
         return StateRules(
             self.state_period, self.limits, self.margins, self.state_timeout, self.statements
         )

@@ -20,7 +20,7 @@ class ErrorCode(IntEnum):
 
 
 class End(Enum):
-    """The single end of a goal (docs/invariants.md, 5)."""
+    """The possible ends of a goal."""
 
     SUCCEEDED = 'succeeded'
     CANCELED = 'canceled'
@@ -31,7 +31,7 @@ class End(Enum):
 class Outcome:
     """The outcome of a goal: result code, reason and remedy.
 
-    `unexplained`: the controller has not reported a cause yet.
+    `unexplained`: the controller has not reported the cause of a rejection yet.
     """
 
     end: End
@@ -42,7 +42,7 @@ class Outcome:
 
 
 class GoalRejectedError(ValueError):
-    """A goal is not executed. Contains the result code, the reason as text, and the remedy."""
+    """Raised if a goal cannot be executed. Contains result code, reason and remedy."""
 
     def __init__(self, code: ErrorCode, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
@@ -51,5 +51,5 @@ class GoalRejectedError(ValueError):
 
     @property
     def outcome(self) -> Outcome:
-        """The goal's outcome."""
+        """Outcome of the rejected goal."""
         return Outcome(End.ABORTED, self.code, str(self), remedy=self.remedy)

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Remedies for an arm that does not move, in words that each interface replaces by its own."""
+"""Remedies for an arm that does not move. Each interface can replace the default texts."""
 
 from collections.abc import Mapping
 from enum import Enum
 
 
 class Remedy(Enum):
-    """An action for a person or a program, in words that name no interface."""
+    """An action that makes motion possible again. The value is the default text."""
 
     NONE = ''
     CONNECT = 'start the controller, or check its address and ports'
@@ -30,9 +30,9 @@ class Remedy(Enum):
 
 
 Words = Mapping[Remedy, str]
-"""An interface's own text for each remedy. For a missing one the remedy's value is used."""
+"""Texts of one interface, by remedy. The remedy's value is the text of a missing entry."""
 
 
 def with_remedy(text: str, remedy: Remedy, words: Words) -> str:
-    """Return a text followed by the remedy, in the words of an interface."""
+    """Return a text followed by the remedy's text for an interface."""
     return '; '.join(filter(None, (text, words.get(remedy, remedy.value))))

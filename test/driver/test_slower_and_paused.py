@@ -124,7 +124,7 @@ async def test_inv10_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name, p
     for trajectory, factor in ((plan(0.5), 0.1), (plan(5.0), 1.0)):
         refusal, peak = await executed(name, trajectory, factor)
         if refusal:
-            words = ('override', 'Remote Ethernet', 'least that')
+            words = ('override', 'Remote Ethernet', 'minimum of')
             assert any(word in refusal for word in words), refusal
         else:
             assert 0.05 * usual <= peak <= 0.15 * usual

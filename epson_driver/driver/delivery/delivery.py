@@ -1,15 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Delivery of trajectories to a controller: their messages, and how these are sent.
+"""Delivery of trajectories to a controller as messages.
 
-The execution of a goal posts one message at a time, and the next one when that is answered. Goal
-execution, STOP and the end of a goal are the same for all deliveries:
+A goal posts one message at a time, and the next one after the reply. Only the messages and their
+replies depend on the delivery:
 
 * streaming (streaming.py): each point is a request with a reply. Motoman uses the same scheme with
   its own messages;
-* download (download.py): points are topics, and each counts as answered when it is sent;
-* statements (statements.py): one SPEL+ statement by Remote Ethernet for each motion, answered when
-  the motion is over.
+* download (download.py): points are topics without replies. Each counts as acknowledged when it
+  has been sent;
+* statements (statements.py): each motion is one SPEL+ statement, sent over Remote Ethernet. The
+  reply arrives when the motion is over.
 """
 
 from abc import ABC, abstractmethod
@@ -27,17 +28,18 @@ from epson_driver.simple_message import Message, Packet
 Interface = Literal['streaming', 'download', 'statements']
 
 OnReply = Callable[[Packet, float], None]
-"""on_reply(packet, now) is called when a message is answered. now: the loop's time, s."""
+"""on_reply(packet, now) is called with the reply to a message. now: the event loop's time, s."""
 
 
 @dataclass(frozen=True)
 class DeliveryRules:
-    """Rules of a controller for points, from the parameters and its profile.
+    """Rules for sending points to a controller, from the parameters and its profile.
 
-    motoman: points need Motoman's commands. uses: fields of a JOINT_TRAJ_PT that are used.
-    speed: fraction, for a controller that uses none of them. slowest: minimum speed, a fraction,
-    for any other controller. buffer, dead_time (s per point): for a download. power: requested by
-    statements. The values have the meaning defined for profiles (docs/controllers.md).
+    motoman: points need Motoman's commands. uses: fields of a JOINT_TRAJ_PT that the controller
+    uses. speed: speed of a controller that uses none of them, as a fraction of the maximum.
+    slowest: minimum speed of any other controller, as a fraction of the maximum. buffer: maximum
+    number of points of a download. dead_time: start delay of a download per point, s. power: motor
+    power that statements set. docs/controllers.md describes the values.
     """
 
     interface: Interface = 'streaming'
@@ -53,11 +55,10 @@ class DeliveryRules:
 
 @dataclass(frozen=True)
 class PreparedTrajectory:
-    """A trajectory as it is executed, and its messages in the order in which they are posted.
+    """A trajectory and its messages, in the order in which they are sent.
 
-    The messages may be created on access (trajectory_points.py).
-
-    delay: time from the first message until the controller starts to move the arm, s.
+    messages: may be created on access (trajectory_points.py). delay: time from the first message
+    until the controller starts to move the arm, s.
     """
 
     trajectory: Trajectory
@@ -66,11 +67,11 @@ class PreparedTrajectory:
 
 
 class Delivery(ABC):
-    """Interface to a controller over a motion link, for joints within limits.
+    """Interface for sending trajectories and setpoints over a motion link.
 
-    `resumes`: the first point resumes a paused controller, or its reply contains why not.
-    `keeps_points`: the controller keeps its points when the client is lost, and resumes them as
-    soon as a client connects. `no_streams`: why setpoints cannot be followed, or ''.
+    `resumes`: the first point resumes a paused controller, or is rejected with the reason.
+    `keeps_points`: the controller keeps its points when the client is lost, and executes them when
+    a client connects again. `no_streams`: why the controller cannot follow setpoints, or ''.
     """
 
     resumes = False
@@ -87,17 +88,17 @@ class Delivery(ABC):
 
     @abstractmethod
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return the messages for a checked trajectory from `start` (shape (n,), rad).
+        """Return the messages for a checked trajectory of an arm at `start` (shape (n,), rad).
 
-        Raises GoalRejectedError if the controller cannot execute it.
+        Raises GoalRejectedError if the controller cannot execute the trajectory.
         """
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+    def setpoint(self, step: Trajectory, sequence: int) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.
 
-        `way` has two points: the previous setpoint and this one. For the first setpoint both have
-        the same time, and the arm's position. Raises GoalRejectedError if the controller takes no
-        streams.
+        `step` has two points: the previous setpoint and this one. For the first setpoint both have
+        the same time and the arm's position. Raises GoalRejectedError if the controller cannot
+        follow setpoints.
         """
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.no_streams)
 

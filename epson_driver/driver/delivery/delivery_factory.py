@@ -18,7 +18,7 @@ def delivery_rules(
 ) -> DeliveryRules:
     """Return the rules for a profile and the parameters `interface` and `point_message`.
 
-    Raises ValueError if the parameters are incompatible.
+    Raises ValueError if the parameters do not fit the profile or each other.
     """
     motoman = profile.program.kind == 'motoman'
     full = message == 'joint_traj_pt_full'

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The download interface: a whole trajectory is sent before the arm moves.
 
-It follows ROS-Industrial's motion_download_interface. All points are topics. The first has the
-sequence -1, the last -3, and the others their index. A trajectory of one point is sent as two.
-STOP is a request.
+It follows ROS-Industrial's motion_download_interface. All points are topics. The sequence of the
+first point is -1, that of the last -3, and that of the others their index. A trajectory of one
+point is sent as two points. STOP is a request.
 
-Points have no replies. Only the state shows that the arm has executed its motion, or why it has
-not. Points that would be lost are therefore refused before any is sent.
+Points have no replies. Only the robot state shows whether the arm has executed them. A trajectory
+that exceeds the controller's buffer is therefore rejected before any point is sent.
 """
 
 import asyncio
@@ -29,20 +29,20 @@ from epson_driver.simple_message import (
 )
 
 MAX_UNSENT_BYTES = 16384
-"""Maximum number of bytes waiting for the controller before another point is sent."""
+"""Maximum number of bytes in the send buffer when another point is sent."""
 
 MAX_START_DELAY_S = 0.1
-"""Maximum time from the end of all points' dead times until the arm starts to move, s."""
+"""Maximum start delay of the arm in addition to the dead times of all points, s."""
 
 UNSENT_CHECK_PERIOD_S = 0.005
-"""Period for checking whether the controller has read the points sent, s."""
+"""Period for checking whether the send buffer has space for another point, s."""
 
 ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
-"""Passed to `on_reply` in place of a reply, because a topic has none."""
+"""Packet that `on_reply` receives after a point, because topics have no replies."""
 
 
 class Download(Delivery):
-    """Points as topics. From `rules`, `buffer`, `dead_time` and `uses` are used."""
+    """Points as JOINT_TRAJ_PT topics."""
 
     no_streams = (
         'with interface: download the arm follows no setpoint streams, because it starts after '
@@ -50,13 +50,9 @@ class Download(Delivery):
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return at least two points. Raises GoalRejectedError if the buffer is too small."""
+        """Return the points. Raises GoalRejectedError if the buffer is too small for them."""
         points = trajectory_points(
-            trajectory,
-            start,
-            self._limits,
-            self._mapping,
-            self._rules.uses,
+            trajectory, start, self._limits, self._mapping, self._rules.uses
         )
         numbered = download_sequences(points)
         if len(points) == 1:
@@ -72,25 +68,25 @@ class Download(Delivery):
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point, which soon counts as answered, or STOP, which the controller answers."""
+        """Send a point, and call `on_reply` when another one may be sent, or send STOP."""
         if message == STOP:
             self._link.post(message, on_reply)
             return
         self._link.send_topic(message)
-        asyncio.get_running_loop().call_soon(self._go_on, on_reply)
+        asyncio.get_running_loop().call_soon(self._acknowledge, on_reply)
 
-    def _go_on(self, on_reply: OnReply) -> None:
+    def _acknowledge(self, on_reply: OnReply) -> None:
         loop = asyncio.get_running_loop()
         if self._link.unsent > MAX_UNSENT_BYTES:
-            loop.call_later(UNSENT_CHECK_PERIOD_S, self._go_on, on_reply)
+            loop.call_later(UNSENT_CHECK_PERIOD_S, self._acknowledge, on_reply)
         else:
             on_reply(ASSUMED_REPLY, loop.time())
 
 
 def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
-    """Return points numbered 0, 1, 2, … with the sequences of a download.
+    """Return points that are numbered 0, 1, 2, … with the sequences of a download.
 
-    A single point becomes two with the same position.
+    A single point is duplicated.
     """
     if len(points) == 1:
         points = [*points, replace(points[0], duration=MIN_DURATION_S)]
@@ -103,6 +99,6 @@ def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
 
 
 def _twice(trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory of one point with that point repeated."""
+    """Return a trajectory of one point with this point duplicated."""
     times = np.array([0.0, MIN_DURATION_S]) + trajectory.times[0]
     return Trajectory(trajectory.joint_names, times, np.repeat(trajectory.positions, 2, axis=0))

@@ -14,7 +14,7 @@ RESULTS: dict[int, str] = {
     Result.NOT_READY: 'NOT_READY: it cannot move now',
     Result.MP_FAILURE: 'MP_FAILURE: a function of the controller failed',
 }
-"""Texts of a MOTION_REPLY's results."""
+"""Texts for the results of a MOTION_REPLY."""
 
 SUBCODES: dict[int, str] = {
     Invalid.UNSPECIFIED: 'unknown reason',
@@ -46,13 +46,13 @@ SUBCODES: dict[int, str] = {
     NotReady.PFL_ACTIVE: 'the power and force limitation is active',
     NotReady.INC_MOVE_ERROR: 'the incremental motion failed',
 }
-"""Texts of a MOTION_REPLY's subcodes (MotoROS 1.9)."""
+"""Texts for the subcodes of a MOTION_REPLY (MotoROS 1.9)."""
 
 
 def reply_rejection(packet: Packet) -> str | None:
-    """Return why a reply rejects its request, as a clause, or None if it accepts it.
+    """Return why the controller rejects a request, or None if its reply accepts the request.
 
-    The header of Motoman's replies is always SUCCESS. The result in the body is used instead.
+    The header of Motoman's replies is always SUCCESS, so the result in the body is used.
     """
     message = packet.message
     if isinstance(message, StatementReply):

@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions as SPEL+ statements, for a controller without a program: Go, Move, Arc3 by `$Execute`.
+"""Motions as SPEL+ statements, for a controller without a program.
 
-The controller plans the motion: it accepts a target and a speed, but no times along the path.
-Plans of several points and streams are therefore refused. The error text names the alternatives.
+The statements Go, Move and Arc3 are sent by the `$Execute` command of Remote Ethernet. The
+controller plans the motion: it accepts a target and a speed, but no times along the path. Plans of
+several points and setpoint streams are therefore rejected, with a text that names alternatives.
 """
 
 from dataclasses import dataclass
@@ -27,16 +28,16 @@ from epson_driver.simple_message import Message, ReplyCode, reply
 from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
 TOOL_NUMBER = 15
-"""Number of the controller's tool that TLSet sets for motions of a tool."""
+"""Number of the controller's tool that is set (TLSet) for lines and arcs."""
 
 SAME_M = 1e-6
-"""Tool motion below which the tool only turns, m."""
+"""Tool displacement below which a line is a pure rotation, m."""
 
-MAX_LOOKS = 2000
-"""Maximum number of planned positions that are compared with the point on an arc."""
+MAX_COMPARED = 2000
+"""Maximum number of planned positions that are compared with the via point of an arc."""
 
 AT_START = 0.02
-"""Distance from the arm, rad or m, within which a first point is not a waypoint."""
+"""Distance from the arm within which an earlier point counts as the start, rad or m."""
 
 MAX_CHARACTERS = 4060
 """Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
@@ -55,23 +56,23 @@ FIXED_SPEED = (
 
 @dataclass(frozen=True, slots=True)
 class Statement(Message):
-    """SPEL+ statements that move the arm, in the form of `$Execute`. It ends with their motion."""
+    """SPEL+ statements for `$Execute`, which replies when their motion is over."""
 
     text: str
     duration: float = inf
-    """The controller plans the motion, so its duration is not limited, s."""
+    """Expected time until the reply, s. It is unknown because the controller plans the motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatementReply(Message):
-    """The reply to a Statement or to `$Abort`. `why`: the failure's reason as a clause, or ''."""
+    """The reply to a Statement or to `$Abort`. `why`: the reason of a failure, or ''."""
 
     why: str = ''
 
 
 @dataclass(frozen=True)
 class Load:
-    """Payload: mass, kg, inertia about the flange axis, kg m², and distance from that axis, m."""
+    """Payload: mass, kg, inertia about the flange axis, kg m², and offset from that axis, m."""
 
     mass: float
     inertia: float = 0.0
@@ -79,22 +80,22 @@ class Load:
 
     @property
     def text(self) -> str:
-        """Return the payload as statements."""
+        """Statements that set the payload."""
         return (
             f'Weight {self.mass:.4g}; Inertia {self.inertia:.4g}, {self.eccentricity * 1e3:.4g}; '
         )
 
 
 def last_point(trajectory: Trajectory) -> Trajectory:
-    """Return the last point of a trajectory, because one statement reaches only one point."""
+    """Return a trajectory that consists of the last point only."""
     return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
 
 
 class StatementDelivery(Delivery):
-    """Motions as statements. A trajectory is sent directly to its end as `Go`.
+    """Motions as statements. A trajectory becomes one `Go` to its last point.
 
-    Only the power and the lowest speed in `rules` are used. Targets are joint positions, shape
-    (n,), rad (m), in the ROS convention. They also define the arm's configuration.
+    Only `power` and `slowest` of the rules are used. Targets are joint positions in the ROS
+    convention, shape (n,), rad (m), so they also define the arm's configuration.
     """
 
     no_streams = (
@@ -108,12 +109,12 @@ class StatementDelivery(Delivery):
         super().__init__(link, limits, mapping, rules)
         self._remote = link
         self.load: Load | None = None
-        """Payload set with each motion. None: the controller's own setting."""
+        """Payload that each motion sets, or None to keep the controller's setting."""
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a joint move to the last point, no faster than its time requires.
+        """Return a joint move to the last point, no faster than the plan's duration requires.
 
-        Earlier points may only be at the arm's position. Raises GoalRejectedError if one is not.
+        Raises GoalRejectedError if an earlier point is not at the arm's position.
         """
         if np.any(np.abs(trajectory.positions[:-1] - start) > AT_START):
             text = NO_PLANS.format(len(trajectory.times))
@@ -125,9 +126,9 @@ class StatementDelivery(Delivery):
         return PreparedTrajectory(last_point(trajectory), [move])
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError."""
+        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError without a link."""
 
-        def answered(value: str | Exception) -> None:
+        def on_answer(value: str | Exception) -> None:
             if isinstance(value, ConnectionError):
                 return  # the link reports its end
             why = ''
@@ -137,12 +138,12 @@ class StatementDelivery(Delivery):
             on_reply(reply(StatementReply(why), code), self._remote.last_received)
 
         if isinstance(message, Statement):
-            self._remote.move(message.text, answered)
+            self._remote.move(message.text, on_answer)
         else:
-            self._remote.abort(answered)
+            self._remote.abort(on_answer)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
-        """Return a joint move. speed, acceleration: fractions of the controller's, (0, 1]."""
+        """Return the statements of a joint move. speed, acceleration: fractions, (0, 1]."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return f'{self._settings}; {text}'
@@ -155,9 +156,10 @@ class StatementDelivery(Delivery):
         limits: ToolLimits,
         via: Array | None = None,
     ) -> str:
-        """Return a line, or a circular arc through `via`, shape (3,), m.
+        """Return the statements of a line, or of a circular arc through `via`, shape (3,), m.
 
-        tool: in the flange, shape (4, 4), m. positions: planned for it from the start, (k, n).
+        tool: pose of the tool in the flange frame, shape (4, 4), m. positions: planned joint
+        positions from start to end, shape (k, n).
         """
         target = self._point(positions[-1])
         if via is None:
@@ -165,12 +167,12 @@ class StatementDelivery(Delivery):
             text = f'Move {target}{" ROT" if np.linalg.norm(end - start) < SAME_M else ""}'
         else:
             text = f'Arc3 {self._point(_passing(arm, positions, via))}, {target}'
-        given = (
+        speeds = (
             f'SpeedS {limits.speed * 1e3:.4g}; AccelS {limits.acceleration * 1e3:.4g}; '
             f'SpeedR {np.degrees(limits.turn_speed):.4g}; '
             f'AccelR {np.degrees(limits.turn_acceleration):.4g}'
         )
-        return f'{self._settings}; {given}; {_tool(tool)}; {text}'
+        return f'{self._settings}; {speeds}; {_tool(tool)}; {text}'
 
     @property
     def _settings(self) -> str:
@@ -178,18 +180,21 @@ class StatementDelivery(Delivery):
         return f'{"" if self.load is None else self.load.text}{power}'
 
     def _point(self, joints: Array) -> str:
-        counted = self._mapping.positions_to_controller(joints)
+        values = self._mapping.positions_to_controller(joints)
         scales = [np.degrees(1.0) if unit == 'rad' else 1e3 for unit in self._limits.units]
-        return f'JA({", ".join(f"{value:.5f}" for value in counted * scales)})'
+        return f'JA({", ".join(f"{value:.5f}" for value in values * scales)})'
 
 
-def _percent(share: float) -> int:
-    return min(max(round(share * 100), 1), 100)
+def _percent(fraction: float) -> int:
+    return min(max(round(fraction * 100), 1), 100)
 
 
 def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
-    """Return joints with the tool at `via`, and turned as at the nearest planned position."""
-    positions = positions[:: len(positions) // MAX_LOOKS + 1]
+    """Return joint positions with the tool at `via`.
+
+    The orientation of the tool is that of the nearest planned position.
+    """
+    positions = positions[:: len(positions) // MAX_COMPARED + 1]
     poses = [arm.forward(row) for row in positions]
     nearest = int(np.argmin([np.linalg.norm(pose[:3, 3] - via) for pose in poses]))
     pose = poses[nearest].copy()
@@ -199,7 +204,7 @@ def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
 
 
 def _tool(pose: Array) -> str:
-    """Return the statements that choose a tool in the flange, shape (4, 4), m."""
+    """Return the statements that select a tool by its pose in the flange, shape (4, 4), m."""
     if np.allclose(pose, np.eye(4), atol=1e-9):
         return 'Tool 0'
     frame = [*(pose[:3, 3] * 1e3), *np.degrees(uvw(pose[:3, :3]))]

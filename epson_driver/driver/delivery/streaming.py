@@ -54,18 +54,14 @@ class Streaming(Delivery):
 
         return PreparedTrajectory(trajectory, LazyPoints(len(trajectory.times), make))
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Return the setpoint as a point of one long trajectory."""
-        velocities = None if way.velocities is None else way.velocities[1:]
-        one = Trajectory(
-            way.joint_names, way.times[1:] - way.times[0], way.positions[1:], velocities
+    def setpoint(self, step: Trajectory, sequence: int) -> Message:
+        """Return the setpoint as a JOINT_TRAJ_PT."""
+        velocities = None if step.velocities is None else step.velocities[1:]
+        target = Trajectory(
+            step.joint_names, step.times[1:] - step.times[0], step.positions[1:], velocities
         )
         (point,) = trajectory_points(
-            one,
-            way.positions[0],
-            self._limits,
-            self._mapping,
-            self._rules.uses,
+            target, step.positions[0], self._limits, self._mapping, self._rules.uses
         )
         return replace(point, sequence=sequence)
 
@@ -79,7 +75,7 @@ class FullStreaming(Delivery):
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a point at the arm's position, and one for each point that follows."""
+        """Return a message for the arm's position, and one for each later point."""
         executed = with_velocities(from_standing(trajectory, start, self._limits))
 
         def make(first: int, end: int) -> list[JointTrajPtFull]:
@@ -89,18 +85,18 @@ class FullStreaming(Delivery):
 
 
 BUSY_RETRY_PERIOD_S = 0.01
-"""Wait before a point is sent again, s. MotoROS works in cycles of 4 ms."""
+"""Delay before a point with the reply BUSY is sent again, s. The cycle of MotoROS is 4 ms."""
 
 
 class MotomanDelivery(FullStreaming):
     """Points and STOP for a controller with MotoROS.
 
-    * START_TRAJ_MODE is sent before the first point. Its reply is SUCCESS if the mode is on.
+    * START_TRAJ_MODE switches trajectory mode on, and is sent before the first point.
     * A point with the reply BUSY had no effect. It is sent again after BUSY_RETRY_PERIOD_S, until
       it is accepted or the goal is stopped.
-    * STOP is STOP_MOTION. The mode stays on.
-    * MotoROS keeps queue, job and servos when the client is lost, and resumes as soon as one
-      connects. STOP_MOTION is therefore the first message on each connection (Driver sends it).
+    * STOP is sent as STOP_MOTION. Trajectory mode stays on.
+    * MotoROS keeps its points when the client is lost, and executes them when a client connects
+      again. The driver therefore sends STOP_MOTION first on each connection.
     """
 
     resumes = True
@@ -111,20 +107,20 @@ class MotomanDelivery(FullStreaming):
     ) -> None:
         super().__init__(link, limits, mapping, rules)
         self._trajectory = 0
-        """Number of trajectories and stops. Points of an older one are not sent any more."""
+        """Number of trajectories and stops so far. Points of an older trajectory are dropped."""
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point or STOP as Motoman's commands, trajectory mode first."""
+        """Send a point or STOP. START_TRAJ_MODE precedes the first point."""
         if message == STOP:
             self._trajectory += 1
             self._link.post(_command(Command.STOP_MOTION), on_reply)
         elif isinstance(message, JointTrajPtFull) and message.sequence == 0:
             self._trajectory += 1
-            self._begin(message, on_reply)
+            self._start(message, on_reply)
         else:
             self._post_point(message, on_reply)
 
-    def _begin(self, first: JointTrajPtFull, on_reply: OnReply) -> None:
+    def _start(self, first: JointTrajPtFull, on_reply: OnReply) -> None:
         trajectory = self._trajectory
 
         def on_mode(packet: Packet, now: float) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a trajectory, one for each point, created shortly before they are sent.
 
-The first message is available immediately, regardless of the number of points, and only one block
-of messages is in memory.
+The first message is therefore available immediately, even for a long trajectory, and only one
+block of messages is in memory.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,25 +28,24 @@ from epson_driver.simple_message import (
 Float32Array = npt.NDArray[np.float32]
 
 FIRST_POINT_VELOCITY_FRACTION = 0.1
-"""Fraction of the maximum speed for a first point without a time: ROS-Industrial's default."""
+"""Fraction of the velocity limits for the motion to a first point at 0 s, as in ROS-Industrial."""
 
 MIN_DURATION_S = 1e-3
 """Minimum duration that is sent, s. Controllers may refuse 0."""
 
 START_MARGIN_RAD = 1e-4
-"""Distance from the arm within which a plan starts exactly at the arm's position, rad."""
+"""Maximum distance from the arm at which a plan counts as starting at the arm's position, rad."""
 
 LIMIT_MARGIN_RAD = 1e-6
-"""Distance kept from the position limits, rad, so that rounding errors cannot exceed them when
-positions are converted to a controller that counts its joints differently."""
+"""Distance from the position limits, rad, that absorbs rounding errors of the conversion to
+another joint convention."""
 
 FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
-"""Fields of a JOINT_TRAJ_PT_FULL. Motoman requires these three, and its interpolation computes its
-own accelerations."""
+"""Fields of a JOINT_TRAJ_PT_FULL. Motoman requires these three, and does not use accelerations."""
 
 BLOCK_POINTS = 256
-"""Number of messages created together, in half a millisecond. numpy takes as long for a few. The
-first message is created separately because the arm waits for it."""
+"""Number of messages created together, in about 0.5 ms. A few messages would take as long. The
+first message is created separately, because the arm waits for it."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
@@ -65,40 +64,39 @@ def trajectory_points(
     first: int = 0,
     end: int | None = None,
 ) -> list[JointTrajPt]:
-    """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
+    """Return the messages for the points `first` to `end` - 1 of a checked trajectory.
 
-    They are for the points `first` to `end` - 1, by default for all.
+    `start`: position of the arm, shape (n,), rad. By default all points are converted.
 
-    `velocity` is the largest in the segment, from its mean speed and the velocities at both ends,
-    so the arm is never requested to be faster than planned. It is a fraction of a joint's limit.
-    `duration` is the duration of the segment. A first point without a time is at the arm's
-    position or close to it. The arm moves there at FIRST_POINT_VELOCITY_FRACTION, in the time that
-    this takes.
+    `velocity` is a fraction of the joint's limit. It is the maximum of the segment's mean speed
+    and the velocities at both ends. For a controller that uses only the velocity (`uses`), it is
+    the mean speed, so that the segment takes its planned time. `duration` is the duration of the
+    segment. A first point at 0 s is close to the arm, which moves there at
+    FIRST_POINT_VELOCITY_FRACTION.
 
-    For a controller that uses only the velocity (`uses`), it is the segment's mean speed, with
-    which the segment takes its planned time. Both fields are always filled, so a controller that
-    uses a field contrary to its profile is not requested to be faster than planned either.
+    Both fields are always filled, so that a controller which uses a field contrary to its profile
+    is not faster than planned.
     """
     rows, times = trajectory.positions[first:end], trajectory.times[first:end]
     if first:
         before = slice(first - 1, first - 1 + len(rows))
-        origins, since = trajectory.positions[before], trajectory.times[before]
+        origins, start_times = trajectory.positions[before], trajectory.times[before]
     else:
         origins = np.concatenate([start[None, :], rows[:-1]])
-        since = np.concatenate([[0.0], times[:-1]])
+        start_times = np.concatenate([[0.0], times[:-1]])
     steps = mapping.velocities_to_controller(rows - origins)
-    durations = times - since
+    durations = times - start_times
     timed = np.maximum(durations, MIN_DURATION_S)
     speeds = np.abs(steps) / timed[:, None]
     if trajectory.velocities is not None and uses is not FieldsUsed.VELOCITY:
         from_row = max(first - 1, 0)  # includes the velocity at the start of the first segment
-        ends = np.abs(mapping.velocities_to_controller(trajectory.velocities[from_row:end]))
-        begins = ends if first else np.vstack([np.zeros_like(ends[:1]), ends])
-        speeds = np.maximum(np.maximum(speeds, ends[-len(rows) :]), begins[: len(rows)])
+        final = np.abs(mapping.velocities_to_controller(trajectory.velocities[from_row:end]))
+        initial = final if first else np.vstack([np.zeros_like(final[:1]), final])
+        speeds = np.maximum(np.maximum(speeds, final[-len(rows) :]), initial[: len(rows)])
     untimed = first == 0 and durations[0] == 0.0
     if untimed:
-        way = float(np.max(np.abs(steps[0]) / limits.velocity))
-        timed[0] = max(way / FIRST_POINT_VELOCITY_FRACTION, MIN_DURATION_S)
+        distance = float(np.max(np.abs(steps[0]) / limits.velocity))
+        timed[0] = max(distance / FIRST_POINT_VELOCITY_FRACTION, MIN_DURATION_S)
     velocities = np.max(speeds / limits.velocity, axis=1)
     if untimed:
         velocities[0] = FIRST_POINT_VELOCITY_FRACTION
@@ -123,18 +121,18 @@ def full_points(
     first: int = 0,
     end: int | None = None,
 ) -> list[JointTrajPtFull]:
-    """Return the messages as JOINT_TRAJ_PT_FULL: time from the start, positions and velocities.
+    """Return the points `first` to `end` - 1 as JOINT_TRAJ_PT_FULL messages.
 
-    The trajectory must have velocities (`with_velocities`), and start at the arm's position
-    (`from_standing`).
+    The trajectory must have velocities (`with_velocities`) and start at the arm's position
+    (`from_standing`). By default all points are converted.
     """
     if trajectory.velocities is None:
         raise ValueError('the trajectory has no velocities')
-    some = slice(first, end)
-    velocities = np.clip(trajectory.velocities[some], -limits.velocity, limits.velocity)
+    block = slice(first, end)
+    velocities = np.clip(trajectory.velocities[block], -limits.velocity, limits.velocity)
     rows = zip(
-        trajectory.times[some].tolist(),
-        _to_wire(trajectory.positions[some], limits, mapping).tolist(),
+        trajectory.times[block].tolist(),
+        _to_wire(trajectory.positions[block], limits, mapping).tolist(),
         mapping.velocities_to_controller(velocities).tolist(),
         strict=True,
     )
@@ -152,10 +150,11 @@ def full_points(
 
 
 def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
-    """Return the trajectory with a first point at 0 s at the arm's position (shape (n,), rad).
+    """Return a trajectory whose first point, at 0 s, is the arm's position.
 
-    If it starts within START_MARGIN_RAD of the arm, it starts at the arm instead. If it starts at
-    0 s farther away, it is delayed by the time for that distance at FIRST_POINT_VELOCITY_FRACTION.
+    `start`: position of the arm at rest, shape (n,), rad. A first point at 0 s within
+    START_MARGIN_RAD is replaced by the arm's position. Otherwise the arm's position is inserted,
+    and points at 0 s are delayed by the motion to them at FIRST_POINT_VELOCITY_FRACTION.
     """
     positions, times = trajectory.positions, trajectory.times
     if times[0] == 0.0:
@@ -186,10 +185,11 @@ def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> 
 
 
 def with_velocities(trajectory: Trajectory) -> Trajectory:
-    """Return the trajectory with velocities. Existing ones are unchanged.
+    """Return the trajectory with velocities. Existing velocities are unchanged.
 
-    They are 0 at both ends and where a joint reverses. Elsewhere they are the harmonic mean of the
-    mean speeds on both sides, with which a cubic interpolation never overshoots a point.
+    New velocities are 0 at both ends and where a joint reverses. Elsewhere they are the harmonic
+    mean of the mean speeds before and after the point, so that a cubic interpolation does not
+    overshoot.
     """
     if trajectory.velocities is not None:
         return trajectory
@@ -204,25 +204,24 @@ def with_velocities(trajectory: Trajectory) -> Trajectory:
 
 
 def _to_wire(positions: Array, limits: JointLimits, mapping: JointMapping) -> Array:
-    """Return positions in the controller's convention, float32 numbers within the limits."""
+    """Return positions in the controller's convention, as float32 values within the limits."""
     if mapping.identity:
         return to_float32_inside(positions, limits)
     inside = np.clip(
         positions, limits.position_min + LIMIT_MARGIN_RAD, limits.position_max - LIMIT_MARGIN_RAD
     )
-    counted = mapping.positions_to_controller(inside)
-    return counted.astype(np.float32).astype(np.float64)
+    return mapping.positions_to_controller(inside).astype(np.float32).astype(np.float64)
 
 
 def to_float32_inside(positions: Array, limits: JointLimits) -> Array:
-    """Return positions as float32 numbers that are still within the position limits."""
+    """Return positions rounded to float32 values within the position limits."""
     low, high = _float32_range(limits)
     return np.clip(positions.astype(np.float32), low, high).astype(np.float64)
 
 
 @lru_cache(maxsize=16)
 def _float32_range(limits: JointLimits) -> tuple[Float32Array, Float32Array]:
-    """Return the smallest and the largest float32 numbers within the position limits."""
+    """Return the smallest and the largest float32 values within the position limits."""
     low = limits.position_min.astype(np.float32)
     low = np.where(low < limits.position_min, np.nextafter(low, np.float32(np.inf)), low)
     high = limits.position_max.astype(np.float32)
@@ -234,7 +233,10 @@ M = TypeVar('M', bound=Message)
 
 
 class LazyPoints(Sequence[M]):
-    """`count` messages. `make(first, end)` creates the messages `first` to `end` - 1."""
+    """A sequence of `count` messages that are created on access, in blocks.
+
+    `make(first, end)` returns the messages `first` to `end` - 1.
+    """
 
     def __init__(self, count: int, make: Callable[[int, int], Sequence[M]]) -> None:
         self._count = count
@@ -256,13 +258,13 @@ class LazyPoints(Sequence[M]):
         """Return one message, or all messages of a slice."""
         if isinstance(index, slice):
             return [self[item] for item in range(*index.indices(self._count))]
-        at = index - self._first
-        if not 0 <= at < len(self._made):
-            at = self._make_block(range(self._count)[index])
-        return self._made[at]
+        offset = index - self._first
+        if not 0 <= offset < len(self._made):
+            offset = self._make_block(range(self._count)[index])
+        return self._made[offset]
 
     def _make_block(self, index: int) -> int:
-        """Create the block with this message, and return its index in the block."""
+        """Create the block that contains message `index`, and return its index in the block."""
         self._first = index - index % BLOCK_POINTS
         end = self._first + (BLOCK_POINTS if index else 1)
         self._made = self._make(self._first, min(end, self._count))

@@ -93,7 +93,7 @@ class GoalExecution:
         self.settings = settings
         self.state = GoalState.PREPARING
         self.aftermath = UNKNOWN
-        """What is known about the arm since the goal ended."""
+        """State of the arm after the goal has ended, as far as it is known."""
         self.timing: Timing | None = None
         """Planned and actual duration of a goal that succeeded, else None."""
         self.started = now
