@@ -33,7 +33,7 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
     remedy = ''
     held = driver.goal_queue.scaling.target == 0.0
     if held:
-        moves = driver.robot.why_not_standing(driver.goal_queue.settings.stopped_velocity)
+        moves = driver.robot.why_not_at_rest(driver.goal_queue.settings.stopped_velocity)
         text = 'pausing: the arm brakes' if moves else 'motions are paused: the speed scaling is 0'
         remedy = 'call set_speed_scaling(1.0)'
     if (result := driver.why_not(Purpose.REPORT, now)) is not None:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons why the arm does not move: a cause, a remedy, and a clause.
+"""Reasons why the arm does not move, each with a cause, a remedy and a text.
 
-The driver determines the reason in one place (why_not.py). The node, the Python API, the panel and
-the doctor describe the remedy in their own terms: which service to call or button to press.
+InhibitTable (why_not.py) determines the reason. The node, the Python API, the panel and the doctor
+describe the remedy in their own terms, for example the service to call or the button to press.
 """
 
 from collections.abc import Collection
@@ -17,14 +17,14 @@ from epson_driver.simple_message import Mode, Status, TriState
 
 
 class Purpose(Flag):
-    """A request that may be inhibited.
+    """The purpose of a check for inhibits.
 
-    REPORT: report why the arm would not move. COMMAND: send a command to the controller.
-    ENABLE: start to enable the arm; OPEN: open the arm gate; RUN: keep the gate open and the
-    motion running. GOAL: accept a goal while the arm moves; READY: accept a goal whose motion is
-    still to be planned; ALONE: replace no other goal; START: start a goal. STREAM: start a stream
-    of setpoints; FOLLOW: send its next setpoint; LET_GO: keep a stream after its STOP. RESUME:
-    resume a paused goal.
+    REPORT: report why the arm does not move. COMMAND: send a command to the controller.
+    ENABLE: start to enable the arm. OPEN: open the arm gate. RUN: keep the gate open and motion
+    running. GOAL: accept a goal while the arm moves. READY: accept a goal whose motion is still to
+    be planned. ALONE: accept a goal that must not replace another. START: start a goal. STREAM:
+    start a stream of setpoints. FOLLOW: send the next setpoint. LET_GO: keep a stream for which
+    STOP was sent, for example after a silence. RESUME: resume a paused goal.
     """
 
     REPORT = auto()
@@ -43,7 +43,7 @@ class Purpose(Flag):
 
 
 class Cause(Enum):
-    """Why the arm may not move. From NO_STREAMS on, only goals or streams are inhibited."""
+    """The cause of an inhibit. Causes from NO_STREAMS on inhibit only goals or streams."""
 
     NO_STATE_LINK = auto()
     NO_JOINTS = auto()
@@ -71,9 +71,10 @@ class Cause(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Inhibit:
-    """A reason why the arm may not move. `text`: a clause.
+    """A reason why the arm may not move.
 
-    `advice`: the first remedy from the manufacturer's documentation, or ''.
+    `text`: the reason, as part of a sentence. `advice`: the first remedy for a controller error
+    from the manufacturer's documentation, or ''.
     """
 
     cause: Cause
@@ -83,7 +84,7 @@ class Inhibit:
 
     @property
     def text_with_remedy(self) -> str:
-        """The clause with the advice."""
+        """The text with the advice, if any."""
         return f'{self.text}: {self.advice}' if self.advice else self.text
 
 
@@ -100,12 +101,15 @@ MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at M
 
 
 def second_driver(who: str) -> Inhibit:
-    """Return the inhibit for another process with the same names, which receives the requests."""
+    """Return the inhibit for another process with the same ROS names.
+
+    `who`: description of the process, which also receives the requests for this driver.
+    """
     return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver uses its names: {who}')
 
 
 def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:
-    """Return the inhibit for a controller program that has ended (STATUS error)."""
+    """Return the inhibit for a controller program that has ended, with the error in STATUS."""
     text = f'the controller reports that motion is not possible, {_error(status, errors)}'
     return Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, text)
 
@@ -115,12 +119,12 @@ def _error(status: Status, errors: ErrorTexts) -> str:
 
 
 def not_enabled(reason: str) -> Inhibit:
-    """Return the inhibit for an arm gate that is closed for `reason`."""
+    """Return the inhibit for a closed arm gate. `reason`: why it was closed."""
     return Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, f'the arm is not enabled ({reason})')
 
 
 def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
-    """Return the inhibit for a controller error, with its text from `errors`."""
+    """Return the inhibit for the error in STATUS. `errors`: texts of error numbers."""
     number = status.error_code
     return Inhibit(
         Cause.ERROR,
@@ -131,10 +135,9 @@ def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
 
 
 def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the controller's status inhibits motion, or None if it does not.
+    """Return the inhibit for an E-stop, an error or motors that are off in STATUS, or None.
 
-    Fields that the controller reports as unknown inhibit nothing. `errors` has the texts of its
-    error numbers.
+    Unknown fields inhibit nothing. `errors`: texts of error numbers.
     """
     number = status.error_code
     error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
@@ -149,15 +152,15 @@ def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
 
 
 def manual_inhibit(status: Status) -> Inhibit | None:
-    """Return MANUAL if the key switch is at MANUAL and motion is not reported as possible."""
+    """Return MANUAL if the key switch is at MANUAL and motion is not possible, else None."""
     manual = status.mode == Mode.MANUAL and status.motion_possible != TriState.TRUE
     return MANUAL if manual else None
 
 
 def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move, from a STATUS alone.
+    """Return why the arm cannot move according to STATUS, or None if STATUS permits motion.
 
-    Returns None if the status does not prevent motion.
+    Unlike `status_inhibit`, it includes the key switch and motion_possible.
     """
     result = status_inhibit(status, errors)
     if result is None or result.cause is Cause.MOTORS_OFF:
@@ -172,9 +175,9 @@ def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
 
 
 def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move, from the active flags of Remote Ethernet's GetStatus.
+    """Return why the arm cannot move according to the reply to GetStatus (Remote Ethernet).
 
-    `number`: the error reported with them. Returns None if they do not prevent motion.
+    `flags`: active flags. `number`: error number. Returns None if they do not prevent motion.
     """
     error = f'error {errors.phrase(number)}'
     advice = errors.advice(number, 'remove the cause')
@@ -195,7 +198,10 @@ def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> In
 def refusal_inhibit(
     flags: Collection[str], number: int, device: int | None, errors: ErrorTexts
 ) -> Inhibit | None:
-    """Return why Remote Ethernet refuses a command, from the reported condition, or None."""
+    """Return why Remote Ethernet refuses a command, or None if the reason is unknown.
+
+    The arguments are the controller's status: flags, error number and control device.
+    """
     return flags_inhibit(flags, number, errors) or device_inhibit(device)
 
 

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm may not move: one ordered table for enabling, goals, streams, diagnostics and API.
+"""Determines why the arm may not move, for enabling, goals, streams, diagnostics and API.
 
-A caller passes a purpose, and receives the first fact in WhyNot.ROWS that applies to it.
+InhibitTable.ROWS lists all possible reasons in order, with the purposes that they inhibit.
 """
 
 from collections.abc import Callable
@@ -32,18 +32,18 @@ from epson_driver.link.remote_link import RemoteLink
 from epson_driver.simple_message import Status
 
 STATUS_TIMEOUT_S = 1.0
-"""Maximum age of a status, s. (The thesis' controller sends one every 55 ms.)"""
+"""Maximum age of a status, s. The controller in the thesis sends one every 55 ms."""
 
-Fact = Callable[['InhibitTable', float], Inhibit | None]
-"""Returns the inhibit that applies at the loop's time, s, or None."""
+Check = Callable[['InhibitTable', float], Inhibit | None]
+"""check(table, now) returns the inhibit that applies at `now` (event loop time, s), or None."""
 
 
 @dataclass(eq=False)
 class InhibitTable:
     """Determines whether the arm may move.
 
-    `connects_later`: whether the motion link waits for the byte order. `second`: the
-    inhibit that applies while another process also receives this driver's requests, or None.
+    `connects_later` returns whether the motion link waits for the byte order. `second`: the
+    inhibit while another process also receives the requests for this driver, else None.
     """
 
     channel: Channel
@@ -57,9 +57,9 @@ class InhibitTable:
     second: Inhibit | None = None
 
     def __call__(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first fact that inhibits a purpose at `now` (the loop's time, s), or None."""
-        facts = (fact(self, now) for fact, purposes in self.ROWS if purpose in purposes)
-        return next((result for result in facts if result is not None), None)
+        """Return the first inhibit for a purpose at `now` (event loop time, s), or None."""
+        results = (check(self, now) for check, purposes in self.ROWS if purpose in purposes)
+        return next((inhibit for inhibit in results if inhibit is not None), None)
 
     @property
     def _status(self) -> Status:
@@ -96,10 +96,11 @@ class InhibitTable:
         return _silence(Cause.NO_JOINTS, 'joint state', now, measured, self.state_timeout)
 
     def _no_status(self, now: float) -> Inhibit | None:
-        came = None if self.robot.status is None else self.robot.status_time
-        return _silence(Cause.NO_STATUS, 'STATUS', now, came, STATUS_TIMEOUT_S)
+        arrival = None if self.robot.status is None else self.robot.status_time
+        return _silence(Cause.NO_STATUS, 'STATUS', now, arrival, STATUS_TIMEOUT_S)
 
     def _stop_fails(self, now: float) -> Inhibit | None:
+        """Return the inhibit for a failed stop while the arm is not at rest yet."""
         return None if self.stopper.over else self._stop_failed(now)
 
     def _stop_failed(self, _now: float) -> Inhibit | None:
@@ -109,7 +110,7 @@ class InhibitTable:
         return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
 
     def _condition(self, _now: float) -> Inhibit | None:
-        """Return the problem to fix at the controller or in ROS before the arm is enabled."""
+        """Return the condition of the controller, or of ROS, that prevents enabling the arm."""
         if self.second is not None:
             return self.second
         status, errors = self._status, self.robot.errors
@@ -125,7 +126,7 @@ class InhibitTable:
         return None if reason is None else manual_inhibit(self._status) or not_enabled(reason)
 
     def _closed(self, now: float) -> Inhibit | None:
-        """Return why the arm gate was closed, with the problem to fix now."""
+        """Return why the arm gate was closed, and what inhibits opening it now."""
         if self.gate.reason is None:
             return None
         closed, result = not_enabled(self.gate.reason), self(Purpose.REPORT, now)
@@ -159,20 +160,20 @@ class InhibitTable:
         return None if self.stopper.delivery.resumes else self._denied(now)
 
     def _ended(self, now: float) -> Inhibit | None:
-        """Return the inhibit if main has ended: sent points may be executed after its restart."""
+        """Return the inhibit if main ended during a motion, whose points may remain."""
         ended = self.robot.main_ended and (self.goals.busy or self.servo.active)
         return self._denied(now) if ended else None
 
     def _moves(self, _now: float) -> Inhibit | None:
-        """Return the inhibit if the arm moves: it brakes after a fault, or is moved externally."""
-        why = self.robot.why_not_standing(self.stopper.stopped_velocity)
+        """Return the inhibit if the arm moves, for example because an operator jogs it."""
+        why = self.robot.why_not_at_rest(self.stopper.stopped_velocity)
         return _reported(
             Cause.MOVES, why and f'the arm is moving ({why}): wait until it is at rest'
         )
 
     _START = Purpose.START | Purpose.STREAM
 
-    ROWS: ClassVar[tuple[tuple[Fact, Purpose], ...]] = (
+    ROWS: ClassVar[tuple[tuple[Check, Purpose], ...]] = (
         (_no_streams, Purpose.STREAM),
         (_goal_runs, Purpose.STREAM | Purpose.ALONE),
         (_closed, Purpose.GOAL | Purpose.READY | _START | Purpose.FOLLOW | Purpose.LET_GO),
@@ -194,13 +195,16 @@ class InhibitTable:
         (_denied_to_goals, Purpose.READY | _START),
         (_moves, _START),
     )
-    """Each fact, and the purposes that it inhibits, in the order in which to deal with them."""
+    """All checks, in the order in which to fix their causes, and the purposes they inhibit."""
 
 
 def _silence(
     cause: Cause, what: str, now: float, newest: float | None, timeout: float
 ) -> Inhibit | None:
-    """Return the inhibit if a state is missing or older than `timeout` s."""
+    """Return the inhibit if a state message is missing or older than `timeout` s.
+
+    `what`: name of the message. `newest`: time of the newest one, s, or None.
+    """
     if newest is None:
         return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
     if now - newest < timeout:

@@ -62,7 +62,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
         main_ended=Cause.MAIN_ENDED in wrong,
         paused=Cause.PAUSED in wrong,
         why_not_ready=lambda now: 'unknown' if Cause.NO_POSE in wrong else None,
-        why_not_standing=lambda velocity: 'fast' if Cause.MOVES in wrong else None,
+        why_not_at_rest=lambda velocity: 'fast' if Cause.MOVES in wrong else None,
     )
     stopper = Fake(
         delivery=Fake(no_streams='never' if Cause.NO_STREAMS in wrong else '', resumes=resumes),

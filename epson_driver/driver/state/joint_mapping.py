@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion between the controller's joint convention and ROS: coupling, signs, offsets.
 
-FANUC and ABB count the third joint relative to the second one. ROS-Industrial's factor defines the
-coupling: joint 3 in ROS is the controller's joint 3 plus `j23_factor` times its joint 2 (FANUC's
-J23_factor; -1 for ABB). Then each joint is `sign` times the controller's joint plus `offset`. The
-conversion to the controller is the exact inverse. Velocities are converted without the offset.
+FANUC and ABB define the third joint relative to the second one. As in ROS-Industrial, `j23_factor`
+times joint 2 is first added to joint 3 (FANUC's J23_factor; -1 for ABB). Each joint in ROS is then
+`sign` times the controller's value plus `offset`. The conversion to the controller is the exact
+inverse. Velocities are converted without the offset.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from epson_driver.motion import Array
 
 SIGNS = list_of(choice(1, -1))
 OFFSETS = list_of(number(-1000.0, 1000.0))
-"""Range of the parameter joint_offsets, rad or m."""
+"""Valid range of the parameter joint_offsets, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointMapping:
-    """The mapping of n joints. signs: 1 or -1, offsets: rad, both of shape (n,).
+    """The mapping of n joints. signs: 1 or -1, shape (n,). offsets: shape (n,), rad.
 
-    All methods take and return arrays of shape (n,) or (points, n), in rad or rad/s.
+    All methods convert arrays of shape (n,) or (points, n), in rad or rad/s.
     """
 
     signs: Array
@@ -65,9 +65,9 @@ class JointMapping:
 def joint_mapping(
     joints: int, signs: Sequence[int], offsets: Sequence[float], j23_factor: int
 ) -> JointMapping:
-    """Return the mapping from the parameters: one number for all joints, or one for each.
+    """Return the mapping for the parameters. A single sign or offset applies to all joints.
 
-    Raises ValueError, naming the parameter and its value, if one is invalid.
+    Raises ValueError if a parameter is invalid.
     """
     for name, values in (('joint_signs', signs), ('joint_offsets', offsets)):
         if len(values) not in (1, joints):

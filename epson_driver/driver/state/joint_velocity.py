@@ -1,21 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Velocities of joints, from their positions and the sender's clock."""
+"""Joint velocities, estimated from joint positions and the sender's clock."""
 
 from collections import deque
 from collections.abc import Sequence
 
 VELOCITY_WINDOW_S = 0.04
-"""Time over which a velocity is averaged, s. The mean is the velocity half this time ago. A single
-period would show the regularity of the sender's program rather than the arm."""
+"""Time over which a velocity is averaged, s. The estimate lags by half this time. Over a single
+message period, jitter of the sender's program would dominate the result."""
 
 Values = Sequence[float]
 
 
 class JointVelocity:
-    """Velocities by differences over a window, at a constant cost per message.
+    """Estimates joint velocities from the positions of the last VELOCITY_WINDOW_S.
 
-    Positions in rad or m, times in s, velocities in rad/s or m/s.
+    Positions are in rad or m, times in s, velocities in rad/s or m/s.
     """
 
     def __init__(self) -> None:
@@ -23,12 +23,12 @@ class JointVelocity:
         self._velocities: Values | None = None
 
     def measured(self, time: float, positions: Values, velocities: Values) -> None:
-        """Add joints whose velocities the controller measured."""
+        """Add joint positions with velocities that the controller measured."""
         self._add(time, positions)
         self._velocities = velocities
 
     def shift(self, since: float, shift: float) -> bool:
-        """Shift the time stamps of later samples. Returns False if none exist."""
+        """Add `shift` to the times of all samples from `since` on. Return whether any exist."""
         moved = []
         while self._history and self._history[-1][0] >= since:
             time, positions = self._history.pop()
@@ -39,9 +39,10 @@ class JointVelocity:
     def fitted(
         self, time: float, positions: Values, gap: float | None, elapsed: float
     ) -> Values | None:
-        """Add joints at the sender's `time`, and return their velocities, or None at first.
+        """Add joint positions, and return the estimated velocities, or None for the first ones.
 
-        `gap`: see SenderClock. `elapsed`: maximum time since the previous joints, s.
+        `time`: sender's time of the positions, s. `gap`: `SenderClock.gap`, sender's time of a
+        late message, s, or None. `elapsed`: maximum time since the previous positions, s.
         """
         history = self._history
         self._add(time, positions)
@@ -72,16 +73,19 @@ class JointVelocity:
     def _first_since(self, gap: float) -> tuple[float, Values]:
         return next(entry for entry in self._history if entry[0] >= gap)
 
-    def _closer_to_last(self, after_a_pause: Values, held_up: Values) -> Values:
-        """Return the estimate closer to the previous velocities."""
-        known = self._velocities
-        if known is None:
-            return after_a_pause
+    def _closer_to_last(self, after_pause: Values, delayed: Values) -> Values:
+        """Return the estimate closer to the previous velocities.
+
+        The two estimates assume that the sender paused, or that a message was delayed.
+        """
+        previous = self._velocities
+        if previous is None:
+            return after_pause
         differences = (
-            sum(abs(new - old) for new, old in zip(item, known, strict=True))
-            for item in (after_a_pause, held_up)
+            sum(abs(new - old) for new, old in zip(estimate, previous, strict=True))
+            for estimate in (after_pause, delayed)
         )
-        return after_a_pause if next(differences) <= next(differences) else held_up
+        return after_pause if next(differences) <= next(differences) else delayed
 
 
 def _slope(first: tuple[float, Values], last: tuple[float, Values]) -> Values:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plausibility of joint positions: within range, and reachable in the time since the last ones.
+"""Plausibility of reported joints: inside their ranges, and consistent with the velocity limits.
 
 Implausible values come from a wrong robot model, wrong units, a lost encoder or a damaged message.
 The arm's position is then unknown, so it must not be moved.
@@ -13,15 +13,16 @@ from operator import ge, le, sub
 from epson_driver.motion import JointLimits
 
 MIN_JUMP = 0.05
-"""Change that is never a jump, rad or m: a speed multiplied by a time error of a few ms."""
+"""Change of position that is always plausible, rad or m: the motion during a time error of a few
+ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Maximum distance beyond its limits at which a joint may be reported.
+    """Tolerances for reported joint values beyond the joint limits.
 
-    position: rad or m beyond the range, because joints can be moved past the software limits, up
-    to their stops. velocity: a factor on the velocity limit, which applies to commanded motion.
+    position: distance beyond the range, rad or m. An operator can move a joint past its software
+    limits, up to the mechanical stops. velocity: factor on the velocity limit.
     """
 
     position: float = 0.1
@@ -32,10 +33,10 @@ DEFAULT_MARGINS = Margins()
 
 
 class JointBounds:
-    """Checks whether reported joints are possible. All values are if `limits` is None.
+    """Checks whether reported joint values are plausible. Without `limits` all values are.
 
-    Values arrive two hundred times a second and are almost always possible. All joints are
-    therefore checked together first, and individually only if that check fails.
+    Each check tests all joints together first, because it runs 200 times a second. It tests them
+    individually only if that fails.
     """
 
     def __init__(self, joints: int, limits: JointLimits | None, margins: Margins) -> None:
@@ -51,12 +52,15 @@ class JointBounds:
         self.fastest = (limits.velocity * margins.velocity).tolist()
 
     def bounded(self, velocities: Sequence[float]) -> list[float]:
-        """Return velocities, rad/s or m/s, limited to the joints' maximum."""
+        """Return velocities, rad/s or m/s, clipped to the joints' maximum."""
         pairs = zip(velocities, self.fastest, strict=True)
         return [min(max(value, -fastest), fastest) for value, fastest in pairs]
 
     def why_not_there(self, positions: Sequence[float]) -> str | None:
-        """Return why the joints cannot be there (rad or m), or None if they can."""
+        """Return why positions (rad or m) are impossible, or None if all are inside their ranges.
+
+        The text names the first joint outside its range.
+        """
         if all(map(le, self._low, positions)) and all(map(ge, self._high, positions)):
             return None
         joint, low, value, high = next(
@@ -74,7 +78,10 @@ class JointBounds:
     def why_not_from(
         self, before: Sequence[float], positions: Sequence[float], elapsed: float
     ) -> str | None:
-        """Return why the joints cannot have moved there in `elapsed` s, or None if they can."""
+        """Return why the joints cannot have moved from `before` to `positions`, or None.
+
+        Positions are in rad or m. `elapsed`: maximum time for this motion, s.
+        """
         if max(map(abs, map(sub, positions, before))) <= MIN_JUMP:
             return None
         for joint, value in enumerate(positions):
@@ -89,7 +96,7 @@ class JointBounds:
         return None
 
     def why_not_so_fast(self, velocities: Sequence[float]) -> str | None:
-        """Return why the joints cannot be that fast (rad/s or m/s), or None if they can."""
+        """Return why velocities (rad/s or m/s) are impossible, or None if they are plausible."""
         if all(map(ge, self.fastest, map(abs, velocities))):
             return None
         for joint, value in enumerate(velocities):

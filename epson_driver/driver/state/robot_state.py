@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The newest state of the controller, its age, and the velocities of the joints."""
+"""The newest state of the arm and its controller: joints, velocities, status, and their age."""
 
 import math
 from collections import deque
@@ -12,7 +12,7 @@ import numpy as np
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S, JointVelocity, Values
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds, Margins
-from epson_driver.driver.state.sender_clock import LATE_SLOTS, QuestionClock, SenderClock
+from epson_driver.driver.state.sender_clock import LATE_SLOTS, RequestClock, SenderClock
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Status, TriState
@@ -31,7 +31,8 @@ class PauseDetector:
         self.paused = False
         """Whether the controller denies motion and the arm is at rest."""
         self.main_ended = False
-        """Whether it denies motion and reports a past error: its program has ended."""
+        """Whether the controller's program has ended: motion is denied, and a past error reported.
+        """
         self._was_possible = False
 
     def see(self, status: Status) -> None:
@@ -53,13 +54,13 @@ MAX_ARRIVALS = 2048
 
 MAX_POSE_AGE_S = 0.3
 MAX_POSE_AGE_SLOTS = 6
-"""Maximum age of a pose, in s or in slots of the controller's clock, whichever is longer. An older
-pose does not show where the arm is, so no motion may start. Network bursts of 0.2 s are within
-this age. The slots are for controllers that send a few times a second."""
+"""Maximum age of the joint positions, in s or in message periods, whichever is longer. Older ones
+do not show where the arm is, so no motion may start. The limit in s allows network bursts of
+0.2 s. The limit in periods is for controllers that send a few times a second."""
 
 CALM_MESSAGES = 10
-"""Number of messages after a late one in which joints may have been measured when the late one was
-due: a controller's program may be delayed between measuring and sending."""
+"""Number of messages after a late one whose joints may be old. A controller's program may be
+delayed between measuring the joints and sending them."""
 
 DISTRUST_TIME_S = 1.0
 """Time after an implausible joint state in which no motion may start, s."""
@@ -67,15 +68,16 @@ DISTRUST_TIME_S = 1.0
 WITHHELD = 'the controller sends no joints while it moves the arm or cannot move it: '
 
 MAX_TIME_RESOLUTION_S = 0.0004
-"""Coarsest resolution of a controller's time stamps, s: 1 % of the velocity window."""
+"""Coarsest resolution of a controller's time stamps that are used, s: 1 % of the window in which
+velocities are estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
     """Measured joints. positions, velocities: shape (n,), rad and rad/s. Times are monotonic, s.
 
-    time: arrival. measured: time of measurement, apart from the network's minimum delay (see
-    SenderClock for the accuracy).
+    time: time of arrival. measured: estimated time of measurement plus the network's minimum
+    delay. SenderClock describes the accuracy.
     """
 
     time: float
@@ -86,36 +88,37 @@ class JointSample:
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """Expectations of the state: a message every `period` s, and joints within limits.
+    """Rules for the controller's state messages.
 
-    Every message occupies a slot of the controller's clock, including each STATUS. The period is
-    an initial value, which follows the arrivals. Without `limits` all joint values are accepted. A
-    pose older than `timeout` s is stale, even if the controller sends rarely. `asked`: the
-    controller reports its state only on request, and not while the arm moves.
+    period: initial estimate of the time between two messages, joints or STATUS, s. limits: joint
+    limits for the plausibility check, with `margins`; None: all values are accepted. timeout: age
+    at which joints are stale even if the controller sends rarely, s. on_request: the controller
+    reports its state only on request, and not while the arm moves.
     """
 
     period: float = 0.005
     limits: JointLimits | None = None
     margins: Margins = DEFAULT_MARGINS
     timeout: float = math.inf
-    asked: bool = False
+    on_request: bool = False
 
 
 NO_RULES = StateRules()
 
 
 class RobotState:
-    """The newest state of `joints` joints and the controller. Times are the event loop's, s.
+    """The newest state of the arm and its controller. Times are the event loop's, s.
 
-    It is cleared when the link is lost, so that stale values cannot be mistaken for fresh ones
-    (docs/invariants.md, 6).
-    `errors`: texts of the controller's error numbers, EPSON's by default. Inputs use the
-    controller's joint convention, and `sample` uses the ROS convention, converted by `mapping`.
+    The state is cleared when the link is lost, so that stale values cannot be mistaken for fresh
+    ones (docs/invariants.md, 6).
+
+    `joints`: number of joints. `errors`: texts of error numbers; None: EPSON's. `mapping`:
+    converts joints of the controller, as in messages, to the ROS convention, as in `sample`.
     `joints_unavailable` returns whether the controller currently reports no joints, for example
     while it moves the arm.
 
-    There is no `sample` until the joints' velocities are known, because a single position does not
-    show that the arm is at rest.
+    `sample` is None until the joint velocities are known, because a single position does not show
+    that the arm is at rest.
     """
 
     def __init__(
@@ -140,21 +143,20 @@ class RobotState:
         self.status: Status | None = None
         self.status_time = 0.0
         self.status_measured = 0.0
-        """Time at which the newest status was created, with the accuracy of `measured`."""
+        """Time at which the controller sent the newest status, as accurate as `measured`."""
         self.arrivals: deque[float] = deque(maxlen=MAX_ARRIVALS)
-        """Arrival times of joints since the link was established, the newest last."""
+        """Arrival times of the last joint messages of this connection, the newest last."""
         self.bounded = 0
-        """Number of velocity estimates beyond a joint's capability, which were published as its
-        maximum velocity."""
+        """Number of velocity estimates that were clipped to the plausible maximum."""
         self._pause = PauseDetector()
-        clock = QuestionClock if self._rules.asked else SenderClock
-        self._clock: SenderClock | QuestionClock = clock(self._rules.period)
+        clock = RequestClock if self._rules.on_request else SenderClock
+        self._clock: SenderClock | RequestClock = clock(self._rules.period)
         self._velocity = JointVelocity()
         self._before: Values | None = None
         self._measured = 0.0
         self._received = self._calm_until = 0.0
         self._calm = CALM_MESSAGES
-        self._reported: float | None = None
+        self._time_stamp: float | None = None
         self._impossible: tuple[float, str] | None = None
 
     def on_joints(
@@ -162,15 +164,15 @@ class RobotState:
         data: tuple[float, ...],
         now: float,
         velocities: tuple[float, ...] | None = None,
-        told: float | None = None,
+        time_stamp: float | None = None,
     ) -> JointSample | None:
         """Process the ten joint values of a message, and its measured velocities if any.
 
-        `told`: the controller's time stamp, s, if it has one. Returns None for the first joints of
-        a link, which have no velocity yet. Raises ValueError, naming the joint, its value and the
-        possible range, if the values are implausible. They are then ignored.
+        `time_stamp`: the controller's time stamp, s, if the message has one. Returns None for the
+        first joints of a connection, whose velocity is unknown. Raises ValueError if the values
+        are implausible, and ignores them.
         """
-        self._step(now, self._passed(told, now - self._measured + MAX_POSE_AGE_S))
+        self._step(now, self._passed(time_stamp, now - self._measured + MAX_POSE_AGE_S))
         elapsed = longest = max(now - self._measured, self._clock.period)
         if self._calm < CALM_MESSAGES:
             longest = max(longest, now - self._calm_until)
@@ -206,28 +208,28 @@ class RobotState:
         self._pause.see(status)
 
     def enabled(self) -> None:
-        """Forget earlier permissions of the controller because the arm was enabled."""
+        """Restart the detection of pauses, because the arm was enabled."""
         self._pause = PauseDetector()
         if self.status is not None:
             self._pause.see(self.status)
 
     @property
     def paused(self) -> bool:
-        """Whether the controller, without an error, denies motion that it allowed before."""
+        """Whether the controller denies motion, without an error, that it allowed before."""
         return self._pause.interrupted
 
     @property
     def main_ended(self) -> bool:
-        """Whether the controller denies motion since enabling, and reports a past error."""
+        """Whether the controller's program has ended, see `PauseDetector.main_ended`."""
         return self._pause.main_ended
 
     @property
     def in_motion(self) -> int:
-        """Whether the controller reports motion, a `TriState`; UNKNOWN without a status."""
+        """Value of in_motion in the newest status, a `TriState`; UNKNOWN without a status."""
         return TriState.UNKNOWN if self.status is None else self.status.in_motion
 
     def why_not_ready(self, now: float) -> str | None:
-        """Return why the arm's position is unknown, or None if it is known."""
+        """Return why the current position of the arm is unknown, or None if it is known."""
         if self._impossible is not None and now - self._impossible[0] < DISTRUST_TIME_S:
             return self._impossible[1]
         if self.sample is None:
@@ -239,19 +241,19 @@ class RobotState:
 
     @property
     def joints_unavailable(self) -> bool:
-        """Whether the controller reports no joints in its current condition."""
+        """Whether the controller currently reports no joints, for example during a motion."""
         return self._joints_unavailable()
 
     def stale(self, now: float) -> bool:
-        """Return whether joints are available but too old to show where the arm is."""
+        """Return whether the newest joints are too old at `now`, or currently not reported."""
         usual = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
-        allowed = min(usual, self._rules.timeout)
+        max_age = min(usual, self._rules.timeout)
         if self.sample is None:
             return False
-        return self.joints_unavailable or now - self.sample.measured > allowed
+        return self.joints_unavailable or now - self.sample.measured > max_age
 
-    def why_not_standing(self, stopped_velocity: float) -> str | None:
-        """Return the evidence that the arm moves, as a clause, or None if it is at rest.
+    def why_not_at_rest(self, stopped_velocity: float) -> str | None:
+        """Return the evidence that the arm moves, or None if it is at rest.
 
         `stopped_velocity`: velocity below which a joint counts as stopped, rad/s or m/s.
         """
@@ -272,7 +274,10 @@ class RobotState:
         return None
 
     def _step(self, now: float, passed: float | None) -> None:
-        """Advance the controller's clock by a message."""
+        """Update the estimated clock of the controller with a message that arrived at `now`.
+
+        `passed`: time since the previous message by the controller's time stamps, s, or None.
+        """
         if self._received and now - self._received > (1 + LATE_SLOTS) * self._clock.period:
             if self._calm >= CALM_MESSAGES:
                 self._calm_until = self._received
@@ -285,20 +290,26 @@ class RobotState:
         if shift and gap is not None and self._velocity.shift(gap, shift):
             self._measured += shift
 
-    def _passed(self, told: float | None, longest: float) -> float | None:
-        """Return the time between the last two joint messages by the controller, if plausible.
+    def _passed(self, time_stamp: float | None, longest: float) -> float | None:
+        """Return the time between the controller's last two time stamps, s.
 
-        On the wire the time stamp has seven digits, and its unit is not guaranteed. Slots are
-        counted instead if it is too coarse, or longer than the time that has passed here.
+        Returns None if a time stamp is missing or too coarse (it is a float32), or if the
+        difference is implausible, for example because the unit is not s. `longest`: maximum
+        plausible difference, s.
         """
-        before, self._reported = self._reported, told
-        if told is None or before is None or abs(told) * 2.0**-23 > MAX_TIME_RESOLUTION_S:
+        before, self._time_stamp = self._time_stamp, time_stamp
+        if time_stamp is None or before is None:
             return None
-        passed = told - before
+        if abs(time_stamp) * 2.0**-23 > MAX_TIME_RESOLUTION_S:
+            return None
+        passed = time_stamp - before
         return passed if self._clock.period / 10 <= passed <= longest else None
 
     def _possible(self, data: tuple[float, ...], longest: float) -> Values:
-        """Return positions in the ROS convention. Raises ValueError if they are implausible."""
+        """Return positions in the ROS convention. Raises ValueError if they are implausible.
+
+        `longest`: maximum time since the previous positions, s.
+        """
         positions = _finite('position', data[: self._joints])
         if not self._mapping.identity:
             positions = self._mapping.positions_to_ros(np.array(positions)).tolist()

@@ -10,9 +10,8 @@ envelope is its delay beyond the minimum. The envelope is fitted instead of the 
 one burst would shift an average by its whole length.
 
 The minimum delay itself cannot be observed. Apart from it, the age of a message is accurate to two
-periods. The time between messages is accurate to about one period in the 2 s that are evaluated
-(0.25 % at 200 Hz). In the first second the configured period is used, as far as the arrivals
-permit it.
+periods. The estimated period is accurate to about 0.25 % at 200 Hz, one period in the 2 s that are
+evaluated. In the first second the configured period is used, unless the arrivals contradict it.
 """
 
 from collections import deque
@@ -21,32 +20,32 @@ BLOCK_TIME_S = 0.25
 FIRST_BLOCK_TIME_S = 0.05
 MIN_BLOCK_MESSAGES = 8
 MAX_BLOCKS = 8
-"""Minimum duration, s, and size, messages, of a block. Each block contributes its least delayed
+"""Minimum duration (s) and number of messages of a block. Each block contributes its least delayed
 message to the envelope, which consists of the newest MAX_BLOCKS blocks. The first blocks are
 shorter, because the configured period may be far off."""
 
 MIN_LINE_POINTS = 3
-"""Minimum number of envelope points for checking whether they are on one line."""
+"""Minimum number of envelope points to which a line is fitted."""
 
 MIN_ENVELOPE_S = 0.75
-"""Minimum length of an envelope that determines the period, s. A shorter one only bounds it."""
+"""Minimum length of an envelope that determines the period, s. A shorter one only gives bounds."""
 
 SAME_PERIOD_FRACTION = 0.05
 PERIOD_FILTER_DIVISOR = 4
 MIN_DOUBTS = 8
-"""Filter for a proven period. A controller has one period, so an estimate within
-SAME_PERIOD_FRACTION of it is followed by 1/PERIOD_FILTER_DIVISOR at a time. A larger change must
-be seen MIN_DOUBTS times in a row, which takes 2 s, because a stalled program causes many."""
+"""Filter for a period that an envelope has confirmed. If a new estimate is within
+SAME_PERIOD_FRACTION of the period, 1/PERIOD_FILTER_DIVISOR of the difference is added. A larger
+change must occur MIN_DOUBTS times in a row, which takes 2 s: a stalled program causes many."""
 
 LATE_SLOTS = 3
-"""Delay, in slots, above which a message was delayed in transit or the sender paused."""
+"""Delay above which a message counts as late, in slots."""
 
 DECISION_SLOTS = 4
 """Slots after a late message until the spacing of the next messages is evaluated."""
 
 MAX_PAUSES = 4
-"""Maximum number of pauses with too few envelope points for a line between them. If exceeded, the
-assumed period is wrong."""
+"""Maximum number of successive pauses with fewer than MIN_LINE_POINTS envelope points between
+them. If it is exceeded, the assumed period is wrong."""
 
 MIN_SPACING_S = 1e-6
 """Minimum time between two messages, s: ROS time stamps must differ."""
@@ -56,11 +55,11 @@ Point = tuple[float, float, float]
 
 
 class SenderClock:
-    """Clock of the sender of one message stream. Times in s.
+    """Clock of the sender of one message stream. Times are in s.
 
-    Call `step` for each message, in order.
-    `time` is the sender's time of the newest message, from an arbitrary origin. `measured` is the
-    same time on the receiver's clock, never later than the arrival.
+    Call `step` for each message, in order. `time` is the sender's time of the newest message, from
+    an arbitrary origin. `measured` is the same time on the receiver's clock, never later than the
+    arrival.
 
     A late message was either delayed in transit or preceded by a sender pause. The following
     messages distinguish the two: messages delayed together arrive in a burst, whereas after a
@@ -73,54 +72,56 @@ class SenderClock:
         self.time = 0.0
         self.measured = 0.0
         self.gap: float | None = None
-        self._gap_came = 0.0
+        self._gap_arrival = 0.0
         self._arrival: float | None = None
         self._slots = 0.0
         self._offset = 0.0
         self._least_late = 0.0
         self._envelope: deque[Point] = deque(maxlen=MAX_BLOCKS)
         self._least: Point = (0.0, 0.0, 0.0)
-        self._block_began = 0.0
+        self._block_start = 0.0
         self._block_size = 0
-        self._settled = self._proven = False
+        self._warmed_up = self._proven = False
         self._doubts = 0
         self._pauses = 0
         self._first_pause = (0.0, 0.0)
 
-    def step(self, arrival: float, told: float | None = None) -> float:
-        """Process the next message. `told`: time since the previous one, if the sender reports it.
+    def step(self, arrival: float, reported: float | None = None) -> float:
+        """Process the next message.
 
-        Returns the time by which the messages since `gap` were sent later than first assumed. It
-        is nonzero only when a sender pause has been detected.
+        `reported`: time since the previous message by the sender's time stamps, s, or None.
+        Returns the length of a sender pause that was detected just now, s, else 0. The messages
+        since `gap` were sent later by this time than first assumed.
         """
         if self._arrival is None:
             self._arrival = self.measured = self._offset = arrival
-            self._begin_block(arrival)
+            self._start_block(arrival)
             return 0.0
         spacing = arrival - self._arrival
         self._arrival = arrival
-        passed = self.period if told is None else told
+        passed = self.period if reported is None else reported
         self._slots += passed / self.period
         self.time += passed
         tolerance = LATE_SLOTS * self.period
-        much_too_late = told is None and spacing > passed + tolerance
+        much_too_late = reported is None and spacing > passed + tolerance
         shift = 0.0
         if self.gap is not None:
             shift = self._after_gap(arrival, tolerance, much_too_late)
         late = arrival - self._offset - self.time
         if much_too_late and late > tolerance and self.gap is None:
-            self.gap, self._gap_came, self._least_late = self.time, arrival, late
+            self.gap, self._gap_arrival, self._least_late = self.time, arrival, late
             self._count_pause(arrival)
         if late < 0.0:
             self._offset += late
-        self._take(arrival)
+        self._add_to_block(arrival)
         self.measured = min(arrival, max(self.measured + MIN_SPACING_S, self._offset + self.time))
         return shift
 
     def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
-        """Evaluate a late message, and return the length of the sender's pause before it.
+        """Evaluate a message after a late one, and return the length of the sender's pause.
 
-        `again`: the current message is equally late, so the two were not delayed together.
+        Returns 0 if the sender has not paused, or if this is not decided. `again`: the spacing
+        before this message is also too long, so the two messages were not delayed together.
         """
         late = arrival - self._offset - self.time
         since = self.time - (self.gap or 0.0)
@@ -131,19 +132,20 @@ class SenderClock:
             self.gap = None
             return 0.0
         if again or (
-            since >= (DECISION_SLOTS - 0.5) * self.period and arrival - self._gap_came > since / 2
+            since >= (DECISION_SLOTS - 0.5) * self.period
+            and arrival - self._gap_arrival > since / 2
         ):
             paused = self._least_late
             self.time += paused
             self.gap = None
             self._envelope.clear()
-            self._begin_block(arrival)
+            self._start_block(arrival)
             return paused
         self._least_late = min(self._least_late, late)
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Count a pause, and estimate a new period after too many in a row."""
+        """Count a pause, and estimate a new period after more than MAX_PAUSES in a row."""
         if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:
@@ -154,36 +156,36 @@ class SenderClock:
             self.period = (arrival - since) / (self._slots - slots)
             self._pauses = 0
 
-    def _begin_block(self, arrival: float) -> None:
+    def _start_block(self, arrival: float) -> None:
         self._least = (self._slots, arrival, arrival - self.time)
-        self._block_began = arrival
+        self._block_start = arrival
         self._block_size = 0
 
-    def _take(self, arrival: float) -> None:
+    def _add_to_block(self, arrival: float) -> None:
         """Add a message to the current block, and a complete block to the envelope."""
         self._block_size += 1
-        lies = arrival - self.time
-        if lies <= self._least[2]:
-            self._least = (self._slots, arrival, lies)
-        enough = BLOCK_TIME_S if self._settled else FIRST_BLOCK_TIME_S
-        if self._block_size >= MIN_BLOCK_MESSAGES and arrival - self._block_began >= enough:
+        offset = arrival - self.time
+        if offset <= self._least[2]:
+            self._least = (self._slots, arrival, offset)
+        duration = BLOCK_TIME_S if self._warmed_up else FIRST_BLOCK_TIME_S
+        if self._block_size >= MIN_BLOCK_MESSAGES and arrival - self._block_start >= duration:
             self._envelope.append(self._least)
-            self._follow()
-            self._begin_block(arrival)
+            self._fit_envelope()
+            self._start_block(arrival)
 
-    def _follow(self) -> None:
-        """Fit the envelope: its slope is the period, its height the offset."""
+    def _fit_envelope(self) -> None:
+        """Fit a line to the envelope. Its slope is the period, and its height the offset."""
         envelope = self._envelope
         size = len(envelope)
         length = envelope[-1][1] - envelope[0][1]
-        self._settled = length >= BLOCK_TIME_S
+        self._warmed_up = length >= BLOCK_TIME_S
         slots = sum(point[0] for point in envelope) / size
         arrival = sum(point[1] for point in envelope) / size
         spread = sum((point[0] - slots) ** 2 for point in envelope)
         if size >= MIN_LINE_POINTS:
             slope = sum((p[0] - slots) * (p[1] - arrival) for p in envelope) / spread
-            off = max(abs(p[1] - arrival - slope * (p[0] - slots)) for p in envelope)
-            if slope <= 0.0 or off > 2.0 * slope:  # not one line: the network path has changed
+            residual = max(abs(p[1] - arrival - slope * (p[0] - slots)) for p in envelope)
+            if slope <= 0.0 or residual > 2.0 * slope:  # no line: the network path has changed
                 newest = envelope[-1]
                 envelope.clear()
                 envelope.append(newest)
@@ -196,7 +198,7 @@ class SenderClock:
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
 
     def _set_period(self, period: float) -> None:
-        """Update the period from a complete envelope."""
+        """Update the period from an envelope of at least MIN_ENVELOPE_S."""
         change = period - self.period
         if not self._proven:
             self.period = period
@@ -211,12 +213,11 @@ class SenderClock:
         self._doubts = 0
 
 
-class QuestionClock:
-    """Replaces SenderClock if every message is the reply to a request.
+class RequestClock:
+    """Replaces SenderClock for a controller that sends its state only on request.
 
-    Replies do not queue up and are not sent unprompted, so the arrival time of a message is its
-    measurement time, apart from the round trip. `period`: the usual period, or the last one if
-    longer, s.
+    The arrival time of a reply is its measurement time, apart from the round trip. `period`: the
+    configured period, or the last one if longer, s.
     """
 
     gap: float | None = None
@@ -228,7 +229,7 @@ class QuestionClock:
         self._usual = period
 
     def step(self, arrival: float, _reported: float | None = None) -> float:
-        """Process a message. Always returns 0, since earlier time stamps need no correction."""
+        """Process a message. Returns 0, because earlier times need no correction."""
         spacing = arrival - self.measured
         if self.measured and spacing > self._usual / 2.0:  # not two replies to one request
             self.period = max(self._usual, spacing)

@@ -195,7 +195,7 @@ def test_inv8_velocity_is_bounded_by_the_joint_limit():
         state.on_joints(joint_data([2.0 - 0.2 * count]), arrival + 0.2)
         assert abs(state.sample.velocities[0]) <= bound
     assert state.bounded > 0
-    assert state.why_not_standing(0.01) is not None
+    assert state.why_not_at_rest(0.01) is not None
 
 
 def test_controller_time_stamps_are_used():
@@ -365,17 +365,17 @@ def test_pose_received_in_bursts_is_fresh(period):
 
 def test_rest_needs_controller_velocity_and_window_to_agree():
     state, now = model_state()
-    assert state.why_not_standing(0.01) is None
+    assert state.why_not_at_rest(0.01) is None
     state.on_status(Status(in_motion=1), now)
-    assert state.why_not_standing(0.01) == 'in_motion of the controller'
+    assert state.why_not_at_rest(0.01) == 'in_motion of the controller'
     state.on_status(Status(in_motion=0), now + 0.005)
-    assert state.why_not_standing(0.01) is None
+    assert state.why_not_at_rest(0.01) is None
     for count in range(6):  # back and forth within the window: the mean is 0
         at = (0.0, 0.01, 0.02, 0.02, 0.01, 0.0)[count]
         state.on_joints(joint_data([at]), now + 0.01 + count * 0.005)
     assert state.sample.velocities[0] == 0.0
-    assert state.why_not_standing(0.01) == 'joint_1 just now by 0.02 rad'
+    assert state.why_not_at_rest(0.01) == 'joint_1 just now by 0.02 rad'
     for count in range(4):
         state.on_joints(joint_data([0.0, 0.01 * count]), now + 0.04 + count * 0.005)
-    assert state.why_not_standing(0.01).startswith('joint_2 at ')
-    assert RobotState(1).why_not_standing(0.01) == 'no joint state from the controller'
+    assert state.why_not_at_rest(0.01).startswith('joint_2 at ')
+    assert RobotState(1).why_not_at_rest(0.01) == 'no joint state from the controller'
