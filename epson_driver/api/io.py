@@ -51,14 +51,14 @@ class Io(Unique):
 
         Raises TimeoutError after `timeout` s (None: never), and the exceptions of `read`.
         """
-        from epson_driver.driver.io.gripper import LOOK_PERIOD_S
+        from epson_driver.driver.io.gripper import READ_PERIOD_S
 
         VALUE.checked(value, 'value')
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
                 while await self.read(kind, index) != value:
                     with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(LOOK_PERIOD_S):
+                        async with asyncio.timeout(READ_PERIOD_S):
                             await self._driver().changed.wait()
         except TimeoutError as error:
             raise TimeoutError(f'{kind} {index} was not {value} within {timeout:g} s') from error

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Commands for the arm: stop, enable, disable, reset the error."""
+"""Commands for the arm: stop, enable, disable, reset an error."""
 
 import asyncio
 import contextlib
@@ -23,14 +23,13 @@ from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.simple_message import Status, TriState
 
 ANSWER_TIMEOUT_S = 2.0
-"""Time for the controller to respond to a service call, s."""
-
+"""Maximum time for each step of a command, s."""
 
 STOPPED = 'stopped on request'
 
 
 class CommandError(RuntimeError):
-    """A failed command, with the reason as its text, and the remedy."""
+    """Raised if a command fails. The text contains the reason."""
 
     def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
@@ -38,47 +37,48 @@ class CommandError(RuntimeError):
 
 
 async def _nothing_waits() -> None:
-    """Return immediately, for callers that submit goals directly."""
+    """Return immediately."""
 
 
 class ArmCommands:
-    """The commands for the arm. Each returns a sentence, or raises CommandError.
+    """Commands for the arm. Each returns a sentence with the result, or raises CommandError.
 
-    `all_taken` waits until the driver has received all goals that were sent before.
+    `all_received` waits until the driver has received all goals that clients have already sent.
+    The default is for clients that submit goals directly.
     """
 
     def __init__(
-        self, driver: Driver, all_taken: Callable[[], Awaitable[None]] = _nothing_waits
+        self, driver: Driver, all_received: Callable[[], Awaitable[None]] = _nothing_waits
     ) -> None:
         self._driver = driver
-        self._all_taken = all_taken
-        self._one_enables = asyncio.Lock()
+        self._all_received = all_received
+        self._enable_lock = asyncio.Lock()
         self._disabling = 0
+        """Number of calls of `disable` in progress."""
         self._disabled = 0
-        """Number of calls of `disable`."""
+        """Number of calls of `disable` so far."""
 
     async def stop(self) -> str:
-        """Stop the arm, abort a running goal, and return a sentence when the arm is at rest.
+        """Stop the arm, abort the running goal, and return when the arm is at rest.
 
-        Goals that arrive before this returns are also aborted, because they may have been sent
-        earlier and delayed.
+        Goals that arrive during the call are also aborted, because they may have been sent before.
 
-        Raises CommandError, with the arm gate closed, unless the controller acknowledged STOP and
-        the state shows that the arm is at rest.
+        Raises CommandError unless the controller acknowledges STOP and the robot state shows that
+        the arm is at rest. The arm is then disabled.
         """
         with self._driver.goal_queue.stopping(f'{STOPPED} before it could start'):
             try:
                 return await self._stop()
             finally:
-                await self._all_taken()
+                await self._all_received()
 
     async def _stop(self) -> str:
         goals, stopper = self._driver.goal_queue, self._driver.stopper
-        ends = _now() + ANSWER_TIMEOUT_S
+        deadline = _now() + ANSWER_TIMEOUT_S
         message = 'no motion was running, the controller acknowledged STOP'
         source = self._driver.servo.source
         if goals.busy:
-            self._driver.servo.stop(STOPPED)  # a stream may be waiting for its turn
+            self._driver.servo.stop(STOPPED)  # a stream may start when the goal ends
             outcome = await goals.stop(STOPPED, ANSWER_TIMEOUT_S)
             if outcome is not None:
                 message = f'the running motion ended: {outcome.text}'
@@ -86,7 +86,7 @@ class ArmCommands:
             message = f'the stream of setpoints on {source} was stopped'
         else:
             stopper.stop()
-        if stopper.unsent or not await stopper.wait(ends - _now()):
+        if stopper.unsent or not await stopper.wait(deadline - _now()):
             stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
             within = '' if stopper.unsent else f'no standstill within {ANSWER_TIMEOUT_S:g} s: '
             raise CommandError(f'{within}{stopper.doubt}, {stopper.arm_state}')
@@ -95,53 +95,52 @@ class ArmCommands:
         return message
 
     async def enable(self) -> str:
-        """Open the arm gate, after switching the motors on if the driver can do that.
+        """Enable the arm, after switching the motors on if the driver can do that.
 
-        It relies on the next STATUS, not the last one, because the motors may have gone off since.
-        Any event during this call that closes the gate, or would close an open one, cancels it.
-
-        Raises CommandError with the reason and the remedy if the arm cannot be enabled.
+        The motors are checked in the next STATUS, because the last one may be outdated. Any reason
+        to disable the arm during the call cancels it. Raises CommandError if the arm cannot be
+        enabled.
         """
         self._check(Purpose.COMMAND)
         if self._disabling:
             raise CommandError('the arm is still being disabled', Remedy.ENABLE)
         gate = self._driver.gate
-        with gate.enabling(motors_on=self._driver.busy) as enabling:
-            work = asyncio.create_task(self._enable(enabling))
-            enabling.on_cancel = work.cancel
+        with gate.enabling(motors_on=self._driver.busy) as request:
+            work = asyncio.create_task(self._enable(request))
+            request.on_cancel = work.cancel
             try:
                 message = await work
             except asyncio.CancelledError:
                 task = asyncio.current_task()
-                if enabling.canceled is None or (task is not None and task.cancelling()):
+                if request.canceled is None or (task is not None and task.cancelling()):
                     raise
-            if enabling.canceled is None:
+            if request.canceled is None:
                 return message
             status = self._driver.robot.status
             if status is not None:
                 self._check(Purpose.ENABLE)
                 if not self._disabling:
-                    await self._check_what_took_the_motors(status)
+                    await self._check_why_motors_off(status)
             raise CommandError(
-                f'{enabling.canceled} while the arm was being enabled: it stays disabled',
+                f'{request.canceled} while the arm was being enabled: it stays disabled',
                 Remedy.ENABLE,
             )
 
-    async def _enable(self, enabling: EnableRequest) -> str:
+    async def _enable(self, request: EnableRequest) -> str:
         driver = self._driver
-        async with self._one_enables:
-            if (early := driver.namesakes_known - _now()) > 0.0:
-                await asyncio.sleep(early)
-            driver.look_for_namesakes()
-            enabling.motors_on = driver.busy
-            driver.heartbeat.ask_again()
-            asked = _now()
+        async with self._enable_lock:
+            if (remaining := driver.namesakes_known - _now()) > 0.0:
+                await asyncio.sleep(remaining)
+            driver.check_namesakes()
+            request.motors_on = driver.busy
+            driver.heartbeat.repeat_request()
+            start = _now()
             status = await self._wait_for_status(
-                lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
+                lambda _: driver.robot.status_time > start, 'the controller sends no STATUS'
             )
             self._check(Purpose.ENABLE)
             await self._wait_for_first_stop()
-            if driver.stopper.delivery.keeps_points:  # with motors on, it would execute them
+            if driver.stopper.delivery.keeps_points:  # it would execute them with the motors on
                 await self._clear_motion()
             closed = driver.gate.reason is not None
             restarts = driver.motors.restarts and (closed or driver.robot.main_ended)
@@ -155,7 +154,7 @@ class ArmCommands:
                         'the motors stay off',
                     )
                 except CommandError:
-                    await self._check_what_took_the_motors(driver.robot.status or Status())
+                    await self._check_why_motors_off(driver.robot.status or Status())
                     raise
                 if driver.motors.restarts:
                     await self._wait_for_status(
@@ -166,21 +165,21 @@ class ArmCommands:
             robot = driver.robot
             fresh = wait_for_fresh_state(robot.why_not_ready, driver.changed, ANSWER_TIMEOUT_S)
             self._check(Purpose.OPEN, await fresh)
-            driver.look_for_namesakes()  # again, immediately before the gate opens
+            driver.check_namesakes()  # again, immediately before the gate opens
             if closed:
                 robot.enabled()
                 driver.stopper.enabled()
                 try:
-                    driver.gate.open(enabling)
+                    driver.gate.open(request)
                 except GateError as error:
                     raise CommandError(str(error)) from error
-            held = driver.why_not(Purpose.REPORT, _now())
-            if held is None and not driver.stopper.delivery.resumes:
-                held = seen_inhibit(robot.status or Status(), robot.errors)
-            return 'the arm is enabled' + ('' if held is None else f', but {held.text}')
+            inhibit = driver.why_not(Purpose.REPORT, _now())
+            if inhibit is None and not driver.stopper.delivery.resumes:
+                inhibit = seen_inhibit(robot.status or Status(), robot.errors)
+            return 'the arm is enabled' + ('' if inhibit is None else f', but {inhibit.text}')
 
     async def _wait_for_first_stop(self) -> None:
-        """Wait until STOP is sent, on a motion connection that needs it first."""
+        """Wait until STOP is sent, if it is due on a new motion connection."""
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
@@ -188,20 +187,23 @@ class ArmCommands:
             )
 
     async def _clear_motion(self) -> None:
-        """Send STOP so that the controller drops remaining points, and wait for rest."""
+        """Send STOP if the controller may have old points, and wait until the arm is at rest."""
         driver = self._driver
         stopper = driver.stopper
-        if driver.busy or (stopper.over and not stopper.ours and not stopper.kept):
+        may_have_points = stopper.ours or stopper.may_have_old_points
+        if driver.busy or (stopper.over and not may_have_points):
             return
         stopper.stop()
-        if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered or stopper.kept:
+        at_rest = await stopper.wait(ANSWER_TIMEOUT_S)
+        if not at_rest or not stopper.answered or stopper.may_have_old_points:
             raise CommandError(f'after the last motion {stopper.doubt}, {stopper.arm_state}')
 
     async def disable(self) -> str:
-        """Close the arm gate, stop, and switch the motors off if the driver can do that.
+        """Disable and stop the arm, and switch the motors off if the driver can do that.
 
-        Raises CommandError unless the state shows that the arm is at rest and that the motors are
-        off, if the driver can switch them and STATUS reports them. The gate is closed in any case.
+        Raises CommandError unless the robot state shows that the arm is at rest and, if the driver
+        can switch the motors and STATUS reports them, that they are off. The arm is disabled in
+        any case.
         """
         driver = self._driver
         driver.disable(DISABLED)
@@ -209,25 +211,21 @@ class ArmCommands:
         self._disabled += 1
         try:
             message = await self._bring_to_rest()
-            await self._all_taken()
-            if driver.motors.missing:
-                motors, why = (
-                    True,
-                    f', but the motors are unchanged: {driver.motors.missing}',
-                )
-            else:
-                motors, why = await self._motors_off()
+            await self._all_received()
+            succeeded, why = True, f', but the motors are unchanged: {driver.motors.missing}'
+            if not driver.motors.missing:
+                succeeded, why = await self._motors_off()
         finally:
             self._disabling -= 1
         text = f'the arm is disabled{why}'
         if message:
             text += f', {message}'
-        if not motors or not driver.stopper.over:
+        if not succeeded or not driver.stopper.over:
             raise CommandError(text)
         return text
 
     async def _bring_to_rest(self) -> str:
-        """Stop the arm, and return the problem, or ''."""
+        """Stop the arm, and return a text if the stop is not confirmed, else ''."""
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
             await goals.stop(DISABLED, ANSWER_TIMEOUT_S)
@@ -240,17 +238,17 @@ class ArmCommands:
         return f'{stopper.doubt}: {stopper.arm_state}'
 
     async def _motors_off(self) -> tuple[bool, str]:
-        """Switch the motors off. Return whether they are presumably off, and a clause."""
+        """Switch the motors off. Return whether this succeeded, and the result as text."""
         driver = self._driver
         try:
             await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT_S)
         except MotorsError as error:
             return False, f', but {error}'
-        asked = _now()
+        start = _now()
         try:
             status = await self._wait_for_status(
                 lambda status: (
-                    driver.robot.status_time > asked and status.drives_powered != TriState.TRUE
+                    driver.robot.status_time > start and status.drives_powered != TriState.TRUE
                 ),
                 'the controller accepted motors off, but no STATUS confirms it',
             )
@@ -266,12 +264,11 @@ class ArmCommands:
         return True, ' and the motors are off'
 
     async def reset_error(self) -> str:
-        """Reset the controller's error. The arm stays disabled.
+        """Reset the controller's error.
 
-        If the reset stops the controller's program, an enabled arm is disabled. Enabling it starts
-        the program again.
-
-        Raises CommandError if the reset fails, or if no STATUS confirms it.
+        If the reset also stops the controller's program, an enabled arm is disabled first.
+        Enabling the arm restarts the program. Raises CommandError if the reset fails, or if no
+        STATUS confirms it.
         """
         await self._wait_for_first_stop()
         if self._driver.motors.restarts:
@@ -287,9 +284,9 @@ class ArmCommands:
         except CommandError as error:
             if error.remedy is Remedy.RELEASE_ESTOP:
                 raise
-            asked = _now()
-            with contextlib.suppress(CommandError):  # it may have been pressed since the last one
-                await self._wait_for_status(lambda _: self._driver.robot.status_time > asked, '')
+            start = _now()
+            with contextlib.suppress(CommandError):  # the last STATUS may precede an E-stop
+                await self._wait_for_status(lambda _: self._driver.robot.status_time > start, '')
             status = self._driver.robot.status
             if status is not None and status.e_stopped == TriState.TRUE:
                 text = f'the E-stop is not reset ({error})'
@@ -302,9 +299,9 @@ class ArmCommands:
         return 'the controller was reset, the arm stays disabled until it is enabled'
 
     async def recover(self) -> str:
-        """Reset the controller's error and enable the arm, unless it is disabled in between.
+        """Reset the controller's error and enable the arm.
 
-        Raises CommandError if either fails.
+        Raises CommandError if either fails, or if `disable` is called during the reset.
         """
         before = self._disabled
         await self.reset_error()
@@ -316,49 +313,58 @@ class ArmCommands:
         return await self.enable()
 
     def _check(self, purpose: Purpose, now: float | None = None) -> None:
-        """Raise CommandError if a purpose is inhibited at `now`, s, or currently."""
-        result = self._driver.why_not(purpose, _now() if now is None else now)
-        if result is not None:
-            raise _inhibited(result)
+        """Raise CommandError if `purpose` is inhibited. `now`: loop time, s; None: now."""
+        inhibit = self._driver.why_not(purpose, _now() if now is None else now)
+        if inhibit is not None:
+            raise _inhibited(inhibit)
 
-    async def _check_what_took_the_motors(self, status: Status) -> None:
-        """Raise CommandError if a cause of the motors being off, such as a door, is reported."""
-        result = status_inhibit(status, self._driver.robot.errors)
-        if result is None or result.cause is not Cause.MOTORS_OFF:
+    async def _check_why_motors_off(self, status: Status) -> None:
+        """Raise CommandError if the motors are off and the controller reports why."""
+        errors = self._driver.robot.errors
+        inhibit = status_inhibit(status, errors)
+        if inhibit is None or inhibit.cause is not Cause.MOTORS_OFF:
             return
-        report = await self._driver.motors.tell(ANSWER_TIMEOUT_S)
-        if report is not None and (result := refusal_inhibit(*report, self._driver.robot.errors)):
-            raise _inhibited(result)
+        report = await self._driver.motors.status(ANSWER_TIMEOUT_S)
+        if report is not None and (inhibit := refusal_inhibit(*report, errors)):
+            raise _inhibited(inhibit)
 
     async def _act(self, action: Action) -> None:
-        """Send an action to the controller. Raises CommandError with a remedy if it fails."""
+        """Execute an action on the controller. Raises CommandError if it fails."""
         try:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
             raise self._refused(action, error) from error
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
-        """Return why an action was refused: the controller's reported condition, or the error."""
-        robot, result = self._driver.robot, None
-        if error.told is not None:
-            result = refusal_inhibit(*error.told, robot.errors)
-        result = result or manual_inhibit(robot.status or Status())
-        if result is None or (action is Action.RESET and result.remedy is Remedy.RESET):
-            return CommandError(str(error))
-        return _inhibited(result)
+        """Return a failed action as CommandError, with the reason from the controller's status.
 
-    async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
+        If the status does not show the reason, the text of `error` is used.
+        """
+        robot, inhibit = self._driver.robot, None
+        if error.status is not None:
+            inhibit = refusal_inhibit(*error.status, robot.errors)
+        inhibit = inhibit or manual_inhibit(robot.status or Status())
+        if inhibit is None or (action is Action.RESET and inhibit.remedy is Remedy.RESET):
+            return CommandError(str(error))
+        return _inhibited(inhibit)
+
+    async def _wait_for_status(self, condition: Callable[[Status], bool], failure: str) -> Status:
+        """Return the first status for which `condition` is true.
+
+        Raises CommandError with the text `failure` after a timeout.
+        """
+        robot = self._driver.robot
         try:
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                while self._driver.robot.status is None or not good(self._driver.robot.status):
+                while robot.status is None or not condition(robot.status):
                     await self._driver.changed.wait()
         except TimeoutError as error:
-            raise CommandError(f'{otherwise} (waited {ANSWER_TIMEOUT_S:g} s)') from error
-        return self._driver.robot.status
+            raise CommandError(f'{failure} (waited {ANSWER_TIMEOUT_S:g} s)') from error
+        return robot.status
 
 
-def _inhibited(found: Inhibit) -> CommandError:
-    return CommandError(found.text_with_remedy, found.remedy)
+def _inhibited(inhibit: Inhibit) -> CommandError:
+    return CommandError(inhibit.text_with_remedy, inhibit.remedy)
 
 
 def _now() -> float:

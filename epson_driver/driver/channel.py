@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The connections to a controller of one kind: links, points, motors and I/O."""
+"""Creation of the objects that communicate with a controller, according to its profile."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from epson_driver.simple_message import Dialect, Packet
 
 @dataclass(frozen=True)
 class Channel:
-    """The links, and the services that use them."""
+    """The links to a controller, and the objects that use them."""
 
     state_link: Link
     motion_link: Link
@@ -39,18 +39,18 @@ class Channel:
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """The state and motion links, or the one link that is both."""
+        """The state and motion links, or one link if it serves both."""
         return tuple(dict.fromkeys((self.state_link, self.motion_link)))
 
     @property
     def all_links(self) -> list[Link]:
-        """The state and motion links, and the I/O link if one exists."""
+        """All links, including the I/O link if it exists."""
         return [*self.links, *([] if self.io.link is None else [self.io.link])]
 
 
 OnPacket = Callable[[Packet], None]
 OnLink = Callable[[str, LinkState, str], None]
-"""on_link(name, state, why) is called when the link with that name changes its state."""
+"""on_link(name, state, why) is called when the state of the link `name` changes."""
 
 
 def make_channel(
@@ -60,10 +60,10 @@ def make_channel(
     on_link: OnLink,
     before_motion_link: Callable[[], Awaitable[object]],
 ) -> Channel:
-    """Return the connections for a configuration.
+    """Return the links and objects for a configuration.
 
-    `on_motion_packet` receives unexpected replies. `before_motion_link` is awaited before the
-    motion link connects.
+    `on_motion_packet` is called with messages that are not replies to a pending request.
+    `before_motion_link` is awaited before the motion link connects.
     """
     host, ports = configuration.host, (configuration.io_port, configuration.remote_port)
     turns = RemoteTurns()
@@ -141,9 +141,10 @@ def make_motors(
     turns: RemoteTurns | None = None,
     login: Login | None = None,
 ) -> Motors:
-    """Return the motor control for the controller's profile and its Remote Ethernet port.
+    """Return the object that switches the motors.
 
-    login: shared login at that port; None: each action logs in separately.
+    remote_port: port of Remote Ethernet, or 0. turns: order of requests on this port. login:
+    shared login on this port; None: each action logs in separately.
     """
     if kind == 'motoman':
         return MotomanMotors(motion_link)

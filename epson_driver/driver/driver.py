@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver without ROS: links, robot state, arm gate and the running goal, in one event loop.
+"""The driver without ROS: links, robot state, arm gate, goals and setpoint streams.
 
-Everything here runs in the loop's thread. The ROS node calls in with `call_soon_threadsafe`, and
-is notified of events through `DriverEvents`.
+All code runs in the thread of one event loop. Its owner, for example the ROS node, calls it with
+`call_soon_threadsafe`, and is notified through `DriverEvents`.
 """
 
 import asyncio
@@ -46,11 +46,11 @@ from epson_driver.trace import Trace
 from epson_driver.trace.trace import END_TIMEOUT_S
 
 SHUT_DOWN_TIMEOUT_S = 0.5
-"""Time for the arm to stop before the process exits in any case, s."""
+"""Maximum time for stopping the arm before the driver ends, s."""
 
 MAX_MIXED_POSITIONS = 2
-"""Maximum number of JOINT_POSITIONs between two JOINT_FEEDBACKs of a controller that sends both
-together. They then contain the same positions. With more, JOINT_POSITIONs are used."""
+"""Maximum number of JOINT_POSITIONs between two JOINT_FEEDBACKs that are ignored, because a
+controller that sends both repeats the same positions. If there are more, they are used."""
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -58,22 +58,22 @@ WORST_FIRST = (
     LinkState.CONNECTING,
     LinkState.CONNECTED,
 )
-"""Order of link states. The combined state of the links is the worse of the two."""
+"""Order of link states. The combined state of the links is the worst one."""
 
 _log = logging.getLogger(__name__)
 
 
 class DriverEvents(Protocol):
-    """Callbacks to the driver's owner, in the loop's thread."""
+    """Callbacks to the driver's owner, in the thread of the event loop."""
 
     def on_joints(self, sample: JointSample) -> None:
         """Called for each state message with joints."""
 
     def on_status(self, status: Status) -> None:
-        """Called for each status. All its fields are unknown once none is available any more."""
+        """Called for each status. All its fields are unknown while none is available."""
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Called when the combined state of the links has changed."""
+        """Called when the combined state of the links has changed. `why`: the reason."""
 
 
 class Driver:
@@ -86,13 +86,14 @@ class Driver:
         limits, timeout = configuration.limits, configuration.state_timeout
         self.gate = ArmGate()
         self.changed = changed = Notification()
-        """Notified when a status arrived, a goal or a stop ended, or STOP was answered."""
+        """Notified when a status or a reply to STOP has arrived, or a goal or stop has ended."""
         self.namesakes: Callable[[], str] = str
-        """Returns the other processes that receive this driver's requests as a clause, or ''."""
+        """Returns a description of other processes with the same ROS names, or ''. They also
+        receive the requests for this driver."""
         self.namesakes_known = 0.0
-        """Loop time until which some of them may not be discovered yet. No enable before it."""
+        """Loop time from which on all namesakes are discovered. The arm is not enabled before."""
         self.stop_due = False
-        """True while STOP waits for the byte order, on a motion connection that needs it first."""
+        """True while STOP must still be sent first on a new motion connection."""
         channel = make_channel(
             configuration,
             self._on_state_packet,
@@ -104,7 +105,7 @@ class Driver:
         self.links, self.motors, self.io = channel.links, channel.motors, channel.io
         delivery = channel.delivery
         self.statements = delivery if isinstance(delivery, StatementDelivery) else None
-        """Writes the statements of motions for a controller that takes no points."""
+        """Delivery of a controller that executes statements, else None."""
         self.trace = Trace(channel.all_links)
         rules, mapping = configuration.state_rules, configuration.joint_mapping
         self.robot = robot = RobotState(
@@ -131,7 +132,7 @@ class Driver:
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._dropped_throttle = LogThrottle()
-        self._unsaid: asyncio.TimerHandle | None = None
+        self._pending_log: asyncio.TimerHandle | None = None
         self._condition: Inhibit | None = None
         self._condition_throttle = LogThrottle(burst=6)
         self._link_state = LinkState.DISCONNECTED
@@ -142,9 +143,9 @@ class Driver:
         self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
     async def run(self) -> None:
-        """Run the links until cancelled, then stop the arm.
+        """Run the links and all other parts until cancelled.
 
-        Raises the exception of a failed part, after stopping the arm over the remaining links.
+        The arm is stopped when the first part ends. Raises the exception of a failed part.
         """
         try:
             self.goal_queue.make_ready()
@@ -172,22 +173,22 @@ class Driver:
             await self.goal_queue.close()
 
     async def shut_down(self) -> None:
-        """Stop the arm and end the running goal when it is at rest, or after half a second.
+        """Stop the arm and end the running goal, within SHUT_DOWN_TIMEOUT_S.
 
-        The motors are then switched off if the arm still moves and the driver can do that.
+        If the arm still moves then, the motors are switched off if the driver can do that.
         """
         self.gate.close('the driver is shutting down')
-        ends = self._now() + SHUT_DOWN_TIMEOUT_S
+        deadline = self._now() + SHUT_DOWN_TIMEOUT_S
         try:
             await self.goal_queue.stop('the driver was shut down', SHUT_DOWN_TIMEOUT_S)
         finally:
             self.fault('the driver was shut down')
-        if not await self.stopper.wait(max(ends - self._now(), 0.0)):
+        if not await self.stopper.wait(max(deadline - self._now(), 0.0)):
             _log.error('the driver ends: %s, %s', self.stopper.doubt, self.stopper.arm_state)
             await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
-        """Close the arm gate and end every goal and stream.
+        """Close the arm gate and end all goals and streams.
 
         `motors_off`: the only reason is that the motors are off.
         """
@@ -200,17 +201,17 @@ class Driver:
         return self.goal_queue.busy or self.servo.active
 
     def why_not(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first reason that inhibits a purpose at `now`, s, or None."""
+        """Return the first inhibit for a purpose at `now` (event loop time, s), or None."""
         return self._why_not(purpose, now)
 
-    def look_for_namesakes(self) -> None:
-        """Stop and disable the arm while another process also receives this driver's requests."""
-        who, before = self.namesakes(), self._why_not.second
-        result = self._why_not.second = second_driver(who) if who else None
-        if result is not None:
-            self.fault(result.text)
-        if result != before:
-            _log.warning('%s', 'the second driver has ended' if result is None else result.text)
+    def check_namesakes(self) -> None:
+        """Disable the arm if another process with the same ROS names exists."""
+        names, before = self.namesakes(), self._why_not.second
+        inhibit = self._why_not.second = second_driver(names) if names else None
+        if inhibit is not None:
+            self.fault(inhibit.text)
+        if inhibit != before:
+            _log.warning('%s', 'the second driver has ended' if inhibit is None else inhibit.text)
 
     def _has_points(self) -> bool:
         return self.stopper.ours
@@ -232,25 +233,26 @@ class Driver:
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate without ending a goal. `motors_off`: see `fault`.
+        """Close the arm gate, and end goals in planning and streams, but not the running goal.
 
-        A stream of setpoints ends. `unexplained`: the controller has not reported a cause yet, so
-        the log entry waits for the status that contains it.
+        `motors_off`: the only reason is that the motors are off. `unexplained`: the controller has
+        not reported the cause yet, so the log entry waits for the status that contains it.
         """
         was_open = self.gate.close(why, motors_off=motors_off, unexplained=unexplained)
         if was_open and unexplained:
             timeout = self.goal_queue.settings.cause_timeout
-            self._unsaid = asyncio.get_running_loop().call_later(timeout, self._say_disabled)
-        elif was_open or self._unsaid is not None:
-            self._say_disabled()
+            loop = asyncio.get_running_loop()
+            self._pending_log = loop.call_later(timeout, self._log_disabled)
+        elif was_open or self._pending_log is not None:
+            self._log_disabled()
         self.goal_queue.plans.end(f'{why}, while the motion was planned')
         if was_open or self.servo.active:
             self.servo.stop(why)
 
-    def _say_disabled(self) -> None:
-        if self._unsaid is not None:
-            self._unsaid.cancel()
-            self._unsaid = None
+    def _log_disabled(self) -> None:
+        if self._pending_log is not None:
+            self._pending_log.cancel()
+            self._pending_log = None
         if self.gate.reason is not None:
             _log.warning('arm disabled: %s', self.gate.reason)
 
@@ -258,43 +260,43 @@ class Driver:
         if packet.comm_type is not CommType.TOPIC:  # an unexpected reply (REP-I0006)
             return
         # Use one arrival time for the whole batch: decoding it may be delayed.
-        came = self.state_link.last_received
+        arrival = self.state_link.last_received
         message = packet.message
         if isinstance(message, DIALECT_MESSAGES):
             self._dialect_known.set()
             self.motion_link.follow(self.state_link.dialect)
             self._stop_first()
             self.io.follow(self.state_link.dialect)
-            self.heartbeat.ask()
+            self.heartbeat.request_version()
         if isinstance(message, Status):
-            self._take_status(message, came)
+            self._handle_status(message, arrival)
         elif isinstance(message, JointPosition):
             self._positions_since_feedback += 1
             self._feedback_leads &= self._positions_since_feedback <= MAX_MIXED_POSITIONS
             if not self._feedback_leads:
-                self._take_joints(message.joints, came)
+                self._handle_joints(message.joints, arrival)
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
             self._feedback_leads = self._positions_since_feedback <= MAX_MIXED_POSITIONS
             self._positions_since_feedback = 0
-            given = message.valid_fields
-            self._take_joints(
+            valid = message.valid_fields
+            self._handle_joints(
                 message.positions,
-                came,
-                message.velocities if given & ValidFields.VELOCITY else None,
-                message.time if given & ValidFields.TIME else None,
+                arrival,
+                message.velocities if valid & ValidFields.VELOCITY else None,
+                message.time if valid & ValidFields.TIME else None,
             )
 
-    def _take_joints(
+    def _handle_joints(
         self,
         positions: tuple[float, ...],
-        came: float,
+        arrival: float,
         velocities: tuple[float, ...] | None = None,
-        told: float | None = None,
+        time_stamp: float | None = None,
     ) -> None:
-        """Process a joint state, or drop an implausible one and disable the arm."""
+        """Process a joint state. If it is implausible, drop it and disable the arm."""
         now = self._now()
         try:
-            sample = self.robot.on_joints(positions, came, velocities, told)
+            sample = self.robot.on_joints(positions, arrival, velocities, time_stamp)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
             line = self._dropped_throttle.line(str(error), now)
@@ -310,19 +312,19 @@ class Driver:
         self.goal_queue.on_joints(sample, now)
         self.servo.on_joints(sample, now)
 
-    def _take_status(self, status: Status, came: float) -> None:
+    def _handle_status(self, status: Status, arrival: float) -> None:
         now, before = self._now(), self.robot.status
-        self.robot.on_status(status, came)
+        self.robot.on_status(status, arrival)
         self._status_missing.restart(now)
         if self.robot.joints_unavailable:
             self._joints_missing.restart(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
-        quiet = self.gate.reason is not None and self._unsaid is None  # `fault` logs nothing
-        result = self.why_not(Purpose.RUN, now)
-        if result is not None and result.cause is not Cause.PAUSED:
-            self.fault(result.text, motors_off=result.cause is Cause.MOTORS_OFF)
+        quiet = self.gate.reason is not None and self._pending_log is None  # `fault` logs nothing
+        inhibit = self.why_not(Purpose.RUN, now)
+        if inhibit is not None and inhibit.cause is not Cause.PAUSED:
+            self.fault(inhibit.text, motors_off=inhibit.cause is Cause.MOTORS_OFF)
         else:
             self.goal_queue.on_status(now)
         self._log_condition(status, before, now, quiet=quiet)
@@ -332,9 +334,9 @@ class Driver:
     def _log_condition(
         self, status: Status, before: Status | None, now: float, *, quiet: bool
     ) -> None:
-        """Log an E-stop, error, open door or key switch at MANUAL of a disabled arm, and its end.
+        """Log why a disabled arm cannot be enabled, such as an E-stop, and when this is cleared.
 
-        `before`: the last status. `quiet`: no other line reports the cause.
+        `before`: the previous status. `quiet`: no other log entry reports the cause.
         """
         result, known = seen_inhibit(status, self.robot.errors), self._condition
         if result is not None and result.cause is Cause.NOT_POSSIBLE and known is None:
@@ -358,17 +360,20 @@ class Driver:
             _log.log(level, '%s', line)
 
     def _went_off(self, before: Status | None) -> bool:
-        """Return whether motors that were on in the last status went off without a command."""
+        """Return whether motors that were on in status `before` went off without a command."""
         powered = before is not None and before.drives_powered == TriState.TRUE
         return powered and not self.motors.busy and self.gate.reason != DISABLED
 
     def _on_motion_packet(self, packet: Packet) -> None:
-        """Process an unexpected reply: a late FAILURE withdraws the acknowledged point."""
+        """Process a FAILURE without a pending request.
+
+        It rejects a point that was acknowledged before, or reports a heartbeat timeout.
+        """
         if packet.reply_code is not ReplyCode.FAILURE:
             return
         timeout = self.configuration.client_timeout
         if packet.msg_type == MessageType.PING and timeout:
-            if self.heartbeat.look(stopped=True) is None:
+            if self.heartbeat.check_stall(stopped=True) is None:
                 self.fault(
                     'the controller stopped the arm because it received nothing from this driver '
                     f'for {timeout:g} s: the driver or the network was delayed'
@@ -378,23 +383,26 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a change of a link. One link may serve both state and motion."""
+        """Handle a new state of the link `name`: 'state', 'motion', or 'remote' for both."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
-            self.heartbeat.forget()
+            self.heartbeat.reset()
             if not self.configuration.knows_byte_order:
                 self._dialect_known.clear()
             self._feedback_leads = False
             self._positions_since_feedback = 0
         if name != 'state' and state is LinkState.CONNECTED:
-            self.stop_due = self.stopper.goes_on
+            self.stop_due = self.stopper.may_resume
             self._stop_first()
         elif name != 'state':
             self.stopper.link_lost()
-        self._tell_link(self.state_link if name == 'state' else self.motion_link, why)
+        self._report_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
-        """Wait until STOP can be sent first, if the arm may resume when a client connects."""
+        """Wait for the byte order if the arm may resume its motion when a client connects.
+
+        STOP can then be sent immediately.
+        """
         if self._connects_later():
             await self._dialect_known.wait()
 
@@ -402,11 +410,10 @@ class Driver:
         return self.stopper.delivery.keeps_points and not self._dialect_known.is_set()
 
     def _stop_first(self) -> None:
-        """Send STOP first on a new motion connection, if the arm may resume its motion.
+        """Send STOP on a new motion connection if it is due and the byte order is known.
 
-        Messages cannot be encoded before the byte order is known, so STOP waits for the first
-        joints, which show it. Other messages wait as well, because nothing is sent to a controller
-        without a state. If the joints later show another byte order, the connection is reopened
+        Otherwise STOP waits for the first joints, which show the byte order. Points need a state,
+        so they wait as well. If a later state shows another byte order, the connection is reopened
         (Link.follow).
         """
         if not self._dialect_known.is_set():
@@ -415,8 +422,8 @@ class Driver:
             self.stop_due = False
             self.stopper.stop()
 
-    def _tell_link(self, link: Link, why: str) -> None:
-        """End all motion if a link was lost, and report the change to the log and the owner."""
+    def _report_link(self, link: Link, why: str) -> None:
+        """Log the new state of a link and notify the owner. End all motion if it was lost."""
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
         self._reports[link.name].log_state(why)
@@ -428,7 +435,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard a status that is too old, and report an unknown one each second without any."""
+        """Discard a status that is too old. Report an unknown status each second without one."""
         while True:
             await wait_for_silence(self._status_missing)
             if self.robot.status is not None:
@@ -437,7 +444,7 @@ class Driver:
             self._events.on_status(Status())
 
     async def _watch_joints(self) -> None:
-        """Discard joints that are too old: link and STATUS may continue without them."""
+        """Discard joints that are too old while the link still works."""
         while True:
             await wait_for_silence(self._joints_missing)
             if self.robot.sample is not None:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth motion through a plan, computed in a separate process for up to several seconds.
+"""Smoothing of trajectories in a separate process.
 
-Each trajectory uses a new process, which is started in advance. It can be killed at any time, and
-the event loop, which serves the links, is never blocked.
+It may take several seconds. The process can be killed at any time and does not block the event
+loop, which serves the links. Each trajectory uses a new process, which is started in advance.
 """
 
 import asyncio
@@ -27,14 +27,14 @@ from epson_driver.profiles.profile import ProgramProfile
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """Settings for the motion that replaces a plan.
+    """Settings for the smooth motion that replaces a plan.
 
     resample_period: time between two points of the smooth motion, s; None: the plan's points.
-    time_optimal: as fast as the limits allow, regardless of the plan's times. thin: few points, at
-    least resample_period apart, at points of the plan where possible. Straight lines between them
-    deviate from the smooth motion by at most `deviation` rad (or m) in any joint. longest: maximum
-    time between two points of a time-optimal plan, s. tolerance: maximum deviation of the motion
-    from each point of the plan, rad or m, in each joint; 0: it passes through them.
+    time_optimal: move as fast as the limits permit, regardless of the plan's times. thin: send few
+    points, at least resample_period apart. Straight lines between them deviate from the smooth
+    motion by at most `deviation` rad (or m) in each joint. longest: maximum time between two
+    points of a time-optimal motion, s. tolerance: maximum deviation of the motion from each point
+    of the plan, rad or m, in each joint.
     """
 
     resample_period: float | None = None
@@ -46,7 +46,7 @@ class Smoothing:
 
     @property
     def wanted(self) -> bool:
-        """Whether a plan is changed before it is sent."""
+        """Whether plans are changed before they are sent."""
         return self.time_optimal or self.resample_period is not None
 
 
@@ -60,12 +60,12 @@ def usual_smoothing(program: ProgramProfile) -> Smoothing:
 
 
 MIN_TOLERANCE = 1e-3
-"""Minimum nonzero tolerance, rad or m. It repeats the constant of `motion.smoothed`,
-to avoid loading the smoother."""
+"""Minimum nonzero tolerance, rad or m. Duplicates a constant of `motion.smoothed`, because an
+import would load the smoother."""
 
 
 def check_tolerance(smoothing: Smoothing) -> None:
-    """Raise ValueError if the tolerance is neither 0 nor possible with the other settings."""
+    """Raise ValueError if the tolerance is too small or incompatible with the other settings."""
     keeps_times = smoothing.resample_period is not None and not smoothing.time_optimal
     if smoothing.tolerance and not (keeps_times and smoothing.tolerance >= MIN_TOLERANCE):
         raise ValueError(
@@ -75,53 +75,54 @@ def check_tolerance(smoothing: Smoothing) -> None:
 
 
 TIMEOUT_S = 30.0
-"""Time limit for preparing one trajectory, s: longer than any plan should take."""
+"""Maximum time for smoothing one trajectory, s."""
 
 WORKER = 'epson_driver.driver.smoothing_worker'
 
 
 class SmoothingError(RuntimeError):
-    """A trajectory could not be prepared. The text contains the reason."""
+    """Raised if a trajectory could not be smoothed. The text contains the reason."""
 
 
 class SmoothingProcess:
-    """Prepares trajectories, one at a time. Runs in the event loop."""
+    """Smooths trajectories in separate processes, one at a time."""
 
     def __init__(self, limits: JointLimits, smoothing: Smoothing) -> None:
         self._limits = limits
         self._smoothing = smoothing
-        self._one = asyncio.Lock()
+        self._lock = asyncio.Lock()
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
         self._closed = False
 
     def make_ready(self) -> None:
-        """Start the next process, unless closed, so that the next trajectory does not wait."""
+        """Start the process for the next trajectory, so that the trajectory need not wait."""
         if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_worker(WORKER))
 
     async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
         """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
-        Raises SmoothingError if none is found. Cancelling ends the process immediately.
+        `start`: shape (n,), rad. Raises SmoothingError if no motion within the limits is found.
+        Cancelling ends the process immediately.
         """
-        async with self._one:
-            process = await self._take()
+        async with self._lock:
+            process = await self._next_process()
             try:
                 arguments = (trajectory, start, self._limits, self._smoothing)
-                result = await answered(process, arguments, (Trajectory,), TIMEOUT_S)
+                result = await result_of(process, arguments, (Trajectory,), TIMEOUT_S)
                 if not isinstance(result, Trajectory):
                     raise SmoothingError(str(result))
                 return result
             finally:
                 await end_worker(process)
 
-    async def _take(self) -> asyncio.subprocess.Process:
+    async def _next_process(self) -> asyncio.subprocess.Process:
         """Return the process that was started for the next trajectory."""
         self.make_ready()
-        waiting = self._next
-        assert waiting is not None  # noqa: S101 - for the type checker
+        starting = self._next
+        assert starting is not None  # noqa: S101 - for the type checker
         try:
-            process = await asyncio.shield(waiting)  # if cancelled, it stays for the next goal
+            process = await asyncio.shield(starting)  # if cancelled, it stays for the next goal
         except OSError as error:
             self._next = None
             raise SmoothingError(f'the smoother could not be started: {error}') from error
@@ -129,18 +130,21 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End all processes and start no other. Calls of `prepared` must have been cancelled."""
+        """End the process, and start no other. Calls of `prepared` must have been cancelled."""
         self._closed = True
-        async with self._one:
-            waiting, self._next = self._next, None
-            if waiting is not None:
-                await until_done(asyncio.create_task(_end_started(waiting)))
+        async with self._lock:
+            starting, self._next = self._next, None
+            if starting is not None:
+                await until_done(asyncio.create_task(_end_started(starting)))
 
 
-async def answered(
+async def result_of(
     process: asyncio.subprocess.Process, value: object, kinds: Collection[type], timeout: float
 ) -> object:
-    """Return a worker's answer. Raises SmoothingError if it fails or exceeds `timeout` s."""
+    """Send a value to a worker process, and return its result, of one of the given types.
+
+    Raises SmoothingError if the process fails or takes longer than `timeout` s.
+    """
     if process.stdin is None or process.stdout is None:
         raise ValueError('a process with pipes is needed')
     try:

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Process that smooths one trajectory: arguments of `prepared` on stdin, its result on stdout.
+"""Process that smooths one trajectory.
 
-The result is a Trajectory, or the reason why none was found, as text.
+It reads the arguments of `smoothed_trajectory` from stdin, and writes the resulting Trajectory, or
+the reason of a failure as text, to stdout.
 """
 
 import os
@@ -18,17 +19,18 @@ from epson_driver.motion.smoother import Mode
 from epson_driver.processes.worker import answer_file, read_value, write_value
 
 MAX_MENTIONED_PROBLEMS = 3
-"""Maximum number of violations in a text."""
+"""Maximum number of violations listed in an error text."""
 
 
 def smoothed_trajectory(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
-    """Return the smooth motion for a checked trajectory of an arm at rest at `start`, (n,), rad.
+    """Return the smooth motion for a checked trajectory.
 
-    It starts at the first point, or at `start` if that point has a time. It follows the spline
-    through the points, or through points within the tolerance of them, because the planner has not
-    checked any path that bends more. Raises ValueError, with the reason, if no such motion exists.
+    `start`: position of the arm at rest, shape (n,), rad. The motion starts there if the time of
+    the first point is not 0, and otherwise at the first point. It follows a spline through the
+    points, or through positions within the tolerance of the points, because the planner has not
+    checked other paths for collisions. Raises ValueError if no such motion exists.
     """
     trajectory = _to_smooth(trajectory, start, limits, smoothing)
     if smoothing.resample_period is None:
@@ -54,7 +56,7 @@ def smoothed_trajectory(
 def _to_smooth(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
-    """Return the points that the smooth motion is computed from."""
+    """Return the trajectory from `start` with noise removed, if a tolerance is set."""
     if trajectory.times[0] > 0.0:
         trajectory = Trajectory(
             trajectory.joint_names,
@@ -71,24 +73,24 @@ def _mode(smoothing: Smoothing) -> Mode:
 
 
 def _check(motion: Trajectory, limits: JointLimits) -> None:
-    if wrong := list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS)):
-        raise ValueError('; '.join(wrong))
+    if violations := list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS)):
+        raise ValueError('; '.join(violations))
 
 
 NICENESS = 5
-"""Increment of the niceness, so that processes that serve links run first."""
+"""Increment of the niceness. It gives priority to processes that serve links."""
 
 
 def main() -> None:
-    """Prepare one trajectory, and exit."""
+    """Smooth one trajectory, and exit."""
     answers = answer_file()
     os.nice(NICENESS)
     requests = sys.stdin.buffer
-    asked = read_value(requests, (Trajectory, JointLimits, Smoothing))
-    if asked is None:
-        return  # no trajectory was needed
+    arguments = read_value(requests, (Trajectory, JointLimits, Smoothing))
+    if arguments is None:
+        return  # the driver has ended
     try:
-        result: Trajectory | str = smoothed_trajectory(*asked)
+        result: Trajectory | str = smoothed_trajectory(*arguments)
     except ValueError as error:
         result = str(error)
     write_value(answers, result)

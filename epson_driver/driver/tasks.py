@@ -11,7 +11,7 @@ from epson_driver.link.connection import READING_TURNS
 
 
 class TaskEndedError(RuntimeError):
-    """A task ended unexpectedly. The text names the task."""
+    """Raised if a task was cancelled unexpectedly. The text names the task."""
 
 
 def report_error(what: str, error: BaseException) -> None:
@@ -21,9 +21,9 @@ def report_error(what: str, error: BaseException) -> None:
 
 
 def report_task_error(task: 'asyncio.Task[Any]') -> None:
-    """Report the exception of a task: `task.add_done_callback(report_task_error)`.
+    """Report the exception of a task. Used as an argument of `Task.add_done_callback`.
 
-    Otherwise asyncio only reports it when the task is garbage-collected, if at all.
+    Without it asyncio reports the exception late, when the task is garbage-collected, or never.
     """
     if not task.cancelled() and (error := task.exception()) is not None:
         report_error(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
@@ -35,11 +35,11 @@ TaskFunction = Callable[[], Coroutine[Any, Any, None]]
 async def run_task_group(
     parts: Mapping[str, TaskFunction], stop: Callable[[], Awaitable[None]]
 ) -> None:
-    """Run named parts until all have returned, one fails, or this is cancelled.
+    """Run named parts until all have returned, one fails, or the caller is cancelled.
 
-    If a part fails, or is cancelled separately, the error is reported to the loop's exception
+    If a part fails or is cancelled separately, its error is reported to the loop's exception
     handler, `stop` is awaited while the other parts still run, and the error is raised. All parts
-    have ended when this returns.
+    have ended when the function returns.
     """
     ending = False
     group = asyncio.current_task()
@@ -68,7 +68,7 @@ async def run_task_group(
 
 
 class Notification:
-    """Wakes all waiting tasks, like asyncio.Condition, for one event loop."""
+    """Wakes all waiting tasks, like asyncio.Condition, but without a lock."""
 
     def __init__(self) -> None:
         self._waiters: list[asyncio.Future[None]] = []
@@ -93,38 +93,39 @@ class Notification:
 
 
 MAX_READING_TURNS = 100
-"""Maximum turns of the event loop for reading pending input: enough for 5000 state messages, which
-take 25 s to arrive. If there is no input, they take about a millisecond."""
+"""Maximum turns of the event loop for reading pending input. They are enough for 5000 state
+messages, which take 25 s to arrive, and take about 1 ms without input."""
 
 
 async def wait_for_fresh_state(
-    stale: Callable[[float], object], heard: Notification, patience: float
+    stale: Callable[[float], object], changed: Notification, timeout: float
 ) -> float:
-    """Wait for a fresh state, and return the loop's time at which to judge it, s.
+    """Wait until the state is fresh, and return the loop's time for checking its age, s.
 
-    This is the first time at which `stale` is false, or the last one after `patience` s. `heard`
-    is notified when input has arrived.
+    Returns after `timeout` s even if the state is still stale. `stale(time)` returns whether the
+    state is too old at that time. `changed` is notified when input has arrived.
 
-    A pose is old if no newer one has arrived, not if this process was delayed before reading it.
-    Its age therefore counts to a time by which all input that had arrived has certainly been read.
+    A state is too old if no newer one has arrived, but not if this process was delayed and has not
+    read the newer one yet. All input that had arrived by the returned time has therefore been
+    read.
     """
     loop = asyncio.get_running_loop()
     with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(patience):
+        async with asyncio.timeout(timeout):
             while True:
-                moment = loop.time()
-                if await _read_by(moment, stale, READING_TURNS):
-                    return moment
-                await heard.wait()
-    moment = loop.time()
-    await _read_by(moment, stale, MAX_READING_TURNS)
-    return moment
+                now = loop.time()
+                if await _is_fresh(now, stale, READING_TURNS):
+                    return now
+                await changed.wait()
+    now = loop.time()
+    await _is_fresh(now, stale, MAX_READING_TURNS)
+    return now
 
 
-async def _read_by(moment: float, stale: Callable[[float], object], turns: int) -> bool:
-    """Give pending input time to be read, and return whether the state is fresh at a moment."""
+async def _is_fresh(now: float, stale: Callable[[float], object], turns: int) -> bool:
+    """Return whether the state is fresh at `now`. Read pending input for up to `turns` turns."""
     for _ in range(turns):
-        if not stale(moment):
+        if not stale(now):
             return True
         await asyncio.sleep(0)
-    return not stale(moment)
+    return not stale(now)

@@ -303,7 +303,7 @@ class ClientNode:
 
     async def _look_for_namesakes(self) -> None:
         while True:
-            self.driver.look_for_namesakes()
+            self.driver.check_namesakes()
             await asyncio.sleep(LOOK_PERIOD_S)
 
     async def _publish_diagnostics(self) -> None:

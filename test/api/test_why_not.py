@@ -145,7 +145,7 @@ async def test_unexplained_rejection_is_reported_unchanged(monkeypatch):
         await ask('Nothing')
 
     async with robot_cell(enabled=False) as (robot, _):
-        monkeypatch.setattr(RemoteEthernetMotors, '_give', refuses)
+        monkeypatch.setattr(RemoteEthernetMotors, '_execute', refuses)
         with pytest.raises(RobotError, match=r'Nothing: .*switch the motors on at the controller'):
             await robot.enable()
     assert replies

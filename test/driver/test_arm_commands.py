@@ -63,7 +63,7 @@ async def test_inv10_second_driver_with_the_same_names_stops_and_prevents_enable
         goal = harness.submit(pose(0.5), step=5.0)
         await harness.until_moving()
         driver.namesakes = lambda: 'the other'
-        driver.look_for_namesakes()
+        driver.check_namesakes()
         assert 'a second driver uses its names' in (await goal.end()).text
         assert await driver.stopper.wait(1.0)
         assert await harness.rests()
@@ -91,7 +91,7 @@ async def test_inv10_enable_waits_until_a_second_driver_is_discovered():
         driver.namesakes = lambda: 'the other'
         assert 'the other' in await rejection(enabling)
         driver.namesakes = str
-        driver.look_for_namesakes()
+        driver.check_namesakes()
         driver.namesakes_known = asyncio.get_running_loop().time() + 2.0
         enabling = asyncio.create_task(harness.commands.enable())
         await asyncio.sleep(1.9)

@@ -37,17 +37,17 @@ def process_of(harness):
 def slow(monkeypatch):
     """Suppress every reply of the smoother's process; return the processes with a request."""
     requested = []
-    answered = smoothing.answered
+    result_of = smoothing.result_of
 
     async def seen(process, *arguments):
         process.send_signal(signal.SIGSTOP)  # so it cannot end before it is killed
         requested.append(process)
-        return await answered(process, *arguments)
+        return await result_of(process, *arguments)
 
     async def never(stream, kinds):
         await asyncio.sleep(PATIENCE)
 
-    monkeypatch.setattr(smoothing, 'answered', seen)
+    monkeypatch.setattr(smoothing, 'result_of', seen)
     monkeypatch.setattr(smoothing, 'next_value', never)
     return requested
 

@@ -114,7 +114,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('io link', Link, '_received', fail, of_link('io')),
     ('asking for the io', io_client.Io, '_values'),
     ('state packet', Driver, '_on_state_packet'),
-    ('status', Driver, '_take_status'),
+    ('status', Driver, '_handle_status'),
     ('reply', GoalExecution, 'on_reply'),
     ('state of the goal', GoalExecution, 'on_state'),
     ('diagnostics', Diagnostics, 'build'),

@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A gripper with two outputs that open and close it, and two inputs that show its state.
+"""A gripper with two outputs that open and close it, and two inputs for its end positions.
 
-It is only as safe as the I/O that it uses. It is independent of whether the arm is enabled, and
-cannot be stopped while it moves (docs/io.md).
+The gripper also moves while the arm is disabled, and cannot be stopped (docs/io.md).
 """
 
 import asyncio
@@ -14,8 +13,8 @@ from epson_driver.driver.io.io_client import Io
 from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
-LOOK_PERIOD_S = 0.1
-"""Period for reading the inputs if their changes are not reported, s."""
+READ_PERIOD_S = 0.1
+"""Maximum time between two readings of the inputs during a motion, s."""
 
 
 class Gripper:
@@ -25,14 +24,14 @@ class Gripper:
         self.wiring = wiring
         self._io = io
         self._commands = 0
-        self._seen = False
+        self._input_was_on = False
 
     async def state(self) -> GripperState:
-        """Return the state that the inputs show now. Raises GripperError if it is unknown."""
-        return self._believed(*await self._inputs())
+        """Return the current state from the inputs. Raises GripperError if it is unknown."""
+        return self._checked_state(*await self._inputs())
 
     async def _inputs(self) -> tuple[bool, bool]:
-        """Return whether the inputs for open and for closed are on. Raises GripperError."""
+        """Return the inputs for opened and closed. Raises GripperError if they are unknown."""
         wiring = self.wiring
         inputs = [
             IoAddress(IoType.DIGITAL_INPUT, index)
@@ -46,10 +45,10 @@ class Gripper:
             if answer.text:
                 raise GripperError(f'the inputs of the gripper are not known: {answer.text}')
         opened, closed = (bool(answer.value) for answer in answers)
-        self._seen |= opened or closed
+        self._input_was_on |= opened or closed
         return opened, closed
 
-    def _believed(self, opened: bool, closed: bool) -> GripperState:
+    def _checked_state(self, opened: bool, closed: bool) -> GripperState:
         if opened and closed:
             raise GripperError(
                 f'DI {self.wiring.opened_input} (opened) and DI {self.wiring.closed_input} '
@@ -58,10 +57,10 @@ class Gripper:
         return GripperState(opened, closed)
 
     async def move(self, *, opened: bool) -> GripperState:
-        """Open or close the gripper, and return its state when it is there or holds something.
+        """Open or close the gripper, and return its state when it has arrived or holds an object.
 
-        Raises GripperError if it did not move, if its inputs are unknown, or if a newer command
-        replaced this one. On cancellation the outputs stay unchanged.
+        Raises GripperError if the gripper does not move, if its inputs are unknown, or if a newer
+        command replaces this one. On cancellation the outputs stay unchanged.
         """
         self._commands += 1
         command = self._commands
@@ -70,18 +69,18 @@ class Gripper:
         if not opened:
             on, off = off, on
         await self._write([(off, 0), (on, 1)])
-        ends = asyncio.get_running_loop().time() + wiring.time
+        deadline = asyncio.get_running_loop().time() + wiring.time
         while True:
             inputs = await self._inputs()
             if command != self._commands:
                 raise GripperError('replaced by a newer command')
             if inputs == (opened, not opened):
                 return GripperState(*inputs)
-            left = ends - asyncio.get_running_loop().time()
-            if left <= 0.0:
-                return self._late(self._believed(*inputs), opened)
+            remaining = deadline - asyncio.get_running_loop().time()
+            if remaining <= 0.0:
+                return self._state_after_timeout(self._checked_state(*inputs), opened)
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(min(LOOK_PERIOD_S, left)):
+                async with asyncio.timeout(min(READ_PERIOD_S, remaining)):
                     await self._io.changed.wait()
 
     async def _write(self, outputs: list[tuple[int, int]]) -> None:
@@ -94,17 +93,20 @@ class Gripper:
             if answer.text:
                 raise GripperError(f'the outputs of the gripper were not set: {answer.text}')
 
-    def _late(self, state: GripperState, opened: bool) -> GripperState:
-        """Return the state of a gripper that has closed on something. Raises GripperError."""
+    def _state_after_timeout(self, state: GripperState, opened: bool) -> GripperState:
+        """Return the state of a gripper that holds an object.
+
+        Raises GripperError if it does not, because it has not moved or was commanded to open.
+        """
         wiring = self.wiring
-        if not self._seen:
+        if not self._input_was_on:
             raise GripperError(
                 f'neither DI {wiring.opened_input} (opened) nor DI {wiring.closed_input} (closed) '
                 'has ever been on: check the wiring, or open it first'
             )
         if not opened and not state.opened:
             return state
-        shown = 'DI {} (opened)' if opened else 'DI {} (closed)'
-        shown = shown.format(wiring.opened_input if opened else wiring.closed_input)
-        stays = 'closed' if state.closed else 'open' if state.opened else 'between'
-        raise GripperError(f'{shown} did not come on within {wiring.time:g} s; it is {stays}')
+        expected = 'DI {} (opened)' if opened else 'DI {} (closed)'
+        expected = expected.format(wiring.opened_input if opened else wiring.closed_input)
+        actual = 'closed' if state.closed else 'open' if state.opened else 'between'
+        raise GripperError(f'{expected} did not come on within {wiring.time:g} s; it is {actual}')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The wiring of a gripper, the state that its inputs show, and its exception."""
+"""The wiring, state and exception of a gripper."""
 
 from dataclasses import dataclass
 
@@ -12,15 +12,15 @@ _TIME_S = number(0.05, 60.0, 's')
 
 
 class GripperError(RuntimeError):
-    """The gripper did not follow a command. The text explains why."""
+    """Raised if a command fails, or if the state is unknown. The text contains the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GripperWiring:
     """Outputs (DO) that open and close the gripper, and inputs (DI) that show its end positions.
 
-    stroke: opening width, m. time: maximum time, s, until it has opened, closed, or holds
-    something. Raises ValueError if a value is invalid.
+    stroke: opening width, m. time: maximum time for opening or closing, s. A gripper that is not
+    closed then counts as holding an object. Raises ValueError if a value is invalid.
     """
 
     open_output: int
@@ -42,11 +42,11 @@ class GripperWiring:
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """The state that the inputs show. If both are False, it moves or holds something."""
+    """State of the two inputs. If both are False, the gripper moves or holds an object."""
 
     opened: bool
     closed: bool
 
     def position(self, stroke: float) -> float:
-        """Return the opening, m, or half of the stroke if neither input is on."""
+        """Return the opening, m: the stroke, 0, or half of the stroke if neither input is on."""
         return stroke if self.opened else 0.0 if self.closed else stroke / 2

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's I/O without ROS: polling of all values, and access by address.
+"""The controller's I/O without ROS: polling of all values, and access by address (docs/io.md).
 
 I/O is independent of motion and state. If a controller has no I/O, or its I/O server is not
-running, requests are answered with that reason. docs/io.md has the rules.
+running, requests fail with this reason.
 """
 
 import asyncio
@@ -63,15 +63,19 @@ READ_GROUP = {
     IoType.GROUP_INPUT: ('GetIOByte,{}', 'GetIOWord,{}'),
     IoType.GROUP_OUTPUT: ('Execute,"Print Out({})"', 'Execute,"Print OutW({})"'),
 }
-"""Commands for groups of 8 and of 16 bits."""
+"""Commands that read groups of 8 bits and of 16 bits."""
 
 WRITE = {IoType.DIGITAL_OUTPUT: 'SetIO,{},{}', IoType.FLAG: 'SetMemIO,{},{}'}
 
 WRITE_GROUP = ('SetIOByte,{},{:02X}', 'SetIOWord,{},{:04X}')
+"""Commands that write groups of 8 bits and of 16 bits."""
 
 
 class RemoteEthernetIo(Backend):
-    """The points of one controller. Each request connects and shows if it is available."""
+    """Access to I/O points by Remote Ethernet commands. Each request logs in separately.
+
+    `login`: shared login, which is used instead.
+    """
 
     shown = (IoType.DIGITAL_INPUT,)
 
@@ -79,31 +83,31 @@ class RemoteEthernetIo(Backend):
         self, host: str, port: int, turns: RemoteTurns, login: Login | None, profile: IoProfile
     ) -> None:
         self.ranges = ranges_of(profile, words=True, flags=True)
-        self._place = f'{host}:{port}'
+        self._address = f'{host}:{port}'
         self._login = login or partial(logged_in, host, port, max_logins=1)
         self._turns = turns
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
         """Return a result for each address. Raises IoUnavailableError if the request fails."""
-        return await self._give([_reading(item) for item in addresses], timeout)
+        return await self._execute([_reading(item) for item in addresses], timeout)
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
-        return await self._give([_writing(item) for item in settings], timeout)
+        """Write points in order. Raises IoUnavailableError if the request fails."""
+        return await self._execute([_writing(item) for item in settings], timeout)
 
-    async def _give(self, commands: Sequence[str], timeout: float) -> list[PointReply]:
+    async def _execute(self, commands: Sequence[str], timeout: float) -> list[PointReply]:
         async def dialogue() -> list[PointReply]:
             async with self._login(timeout * (1 + len(commands))) as ask:
-                return [await _reported(ask, command, timeout) for command in commands]
+                return [await _reply(ask, command, timeout) for command in commands]
 
         try:
             return await self._turns.patient(dialogue)
         except (RemoteError, OSError, TimeoutError) as error:
             why = str(error) or f'no answer within {timeout:g} s'
-            raise IoUnavailableError(f'remote port {self._place}: {why}', sent=True) from error
+            raise IoUnavailableError(f'remote port {self._address}: {why}', sent=True) from error
 
 
-async def _reported(ask: Ask, command: str, timeout: float) -> PointReply:
+async def _reply(ask: Ask, command: str, timeout: float) -> PointReply:
     try:
         async with asyncio.timeout(timeout):
             answer = await ask(command)
@@ -136,13 +140,13 @@ def _writing(item: IoSetting) -> str:
 
 
 MAX_POINTS = 1024
-"""Maximum points in one request: the limit of the protocol."""
+"""Maximum number of points in one request, from the protocol."""
 
-MAX_ASKED = 60
-"""Maximum points per polling request: the limit of a server with a small buffer."""
+MAX_POLLED = 60
+"""Maximum number of points per polling request. Servers with a small buffer accept no more."""
 
 RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Delays before a controller without a reply is polled again, s. The last one is repeated."""
+"""Delays after successive failed polls, s. The last one is repeated."""
 
 T = TypeVar('T', IoAddress, IoSetting)
 
@@ -151,7 +155,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class IoAnswer:
-    """Result for one point of a request: an IoResult's number, and '' or the reason as `text`."""
+    """Result for one point of a request. `result`: number of an IoResult. `text`: error, or ''."""
 
     io_type: int
     index: int
@@ -163,12 +167,11 @@ class IoAnswer:
 class Io:
     """Reads, writes and polls the I/O of one controller while `run` runs.
 
-    `states` are the values of all points that can be read at any time, except flags. They are
-    polled every `period` s and after each write, and are () while unknown. `reason` then has the
-    cause, and is '' otherwise. `ranges` are the existing points, or None while they are unknown.
-    `on_states` is called (in the event loop) after `states` changed, and once when they become
-    unknown. `changed` is then notified as well. `place`: host and port, as shown in diagnostics.
-    `timeout`: reply timeout, s, which may be changed at any time.
+    states: values of all points that can be read at any time, except flags, or () while they are
+    unknown. They are polled every `period` s and after each write. reason: why `states` is
+    unknown, or ''. on_states: called in the event loop when `states` has changed. changed:
+    notified at the same time. place: host and port, for diagnostics. timeout: reply timeout, s,
+    which may be changed at any time. missing: why I/O is not available at all, or ''.
     """
 
     def __init__(
@@ -204,7 +207,7 @@ class Io:
         async def nothing() -> None:
             """Do nothing: reading causes no motion that must be stopped."""
 
-        parts = {'querying the I/O': self._ask}
+        parts = {'querying the I/O': self._poll}
         if self.link is None:
             self._wake.set()
         else:
@@ -215,13 +218,14 @@ class Io:
             self._lose('the driver ended', logging.DEBUG)
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
-        """Return a result for each address, in order. Raises IoUnavailableError if it fails."""
+        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return await self._answers(addresses, [None] * len(addresses), self._backend.read)
 
     async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
-        """Set outputs, groups and flags in order, and return one result per setting.
+        """Set outputs, groups and flags in order, and return a result for each setting.
 
-        Raises IoUnavailableError, whose text also shows if the points may have been written.
+        Raises IoUnavailableError if the request fails. The text contains a warning if the points
+        may have been written.
         """
         try:
             values = [item.value for item in settings]
@@ -236,41 +240,43 @@ class Io:
     async def _answers(
         self,
         items: Sequence[T],
-        written: Sequence[int | None],
-        ask: Callable[[Sequence[T], float], Awaitable[list[PointReply]]],
+        values: Sequence[int | None],
+        request: Callable[[Sequence[T], float], Awaitable[list[PointReply]]],
     ) -> list[IoAnswer]:
+        """Execute a request for the valid items, and return the results of all items.
+
+        `values`: values to write, or None for items to read.
+        """
         if len(items) > MAX_POINTS:
             raise IoUnavailableError(f'{len(items)} points in one request: at most {MAX_POINTS}')
         if not self.used:
             raise IoUnavailableError(self.reason)
         ranges = self.ranges
-        both = list(zip(items, written, strict=True))
-        results = [
+        checks = [
             IoResult.SUCCESS
             if ranges is None
             else rejection(item.io_type, item.index, value, ranges)
-            for item, value in both
+            for item, value in zip(items, values, strict=True)
         ]
-        good = [
-            item for item, result in zip(items, results, strict=True) if result is IoResult.SUCCESS
+        valid = [
+            item for item, check in zip(items, checks, strict=True) if check is IoResult.SUCCESS
         ]
-        report = iter(await ask(good, self.timeout) if good else [])
+        replies = iter(await request(valid, self.timeout) if valid else [])
         answers = []
-        for (item, value), result in zip(both, results, strict=True):
-            got = next(report) if result is IoResult.SUCCESS else PointReply(result=result)
-            text = got.text(item.io_type, item.index, value, self.ranges or ())
-            shown_value = got.value if value is None else value
-            answers.append(IoAnswer(item.io_type, item.index, shown_value, got.result, text))
+        for item, value, check in zip(items, values, checks, strict=True):
+            reply = next(replies) if check is IoResult.SUCCESS else PointReply(result=check)
+            text = reply.text(item.io_type, item.index, value, self.ranges or ())
+            result_value = reply.value if value is None else value
+            answers.append(IoAnswer(item.io_type, item.index, result_value, reply.result, text))
         return answers
 
     # --- polling ----------------------------------------------------------------------------
 
-    async def _ask(self) -> None:
-        """Poll the values every `period`, and when woken, until cancelled.
+    async def _poll(self) -> None:
+        """Poll the values every `period` s, after each write, and when the link changes.
 
-        The connection stays open even without replies. The controller's outputs may change to
-        their safe values when it closes, and the cause of the silence (E-stop, pause) is known
-        only to the controller.
+        The connection stays open even without replies, because the controller may set its outputs
+        to safe values when the connection closes.
         """
         await self._wake.wait()
         attempt = 0
@@ -290,49 +296,49 @@ class Io:
                     await self._wake.wait()
 
     async def _values(self) -> tuple[tuple[IoValues, ...], str]:
-        """Return the values of all readable ranges, and why another range could not be read.
+        """Return the values of all readable ranges, and the first error of the others, or ''.
 
-        Raises IoUnavailableError if a request fails or no value is available.
+        Raises IoUnavailableError if a request fails, or if no range is readable.
         """
         backend = self._backend
-        await backend.look(self.timeout)
+        await backend.find_ranges(self.timeout)
         ranges = backend.ranges or ()
-        wanted = list(shown(ranges, backend.shown, grouped=backend.grouped))
-        asked = [address for _, _, addresses in wanted for address in addresses]
-        report: list[PointReply] = []
-        for first in range(0, len(asked), MAX_ASKED):
-            report += await backend.read(asked[first : first + MAX_ASKED], self.timeout)
+        requested = list(shown(ranges, backend.shown, grouped=backend.grouped))
+        points = [address for _, _, addresses in requested for address in addresses]
+        replies: list[PointReply] = []
+        for first in range(0, len(points), MAX_POLLED):
+            replies += await backend.read(points[first : first + MAX_POLLED], self.timeout)
         values: dict[IoRange, tuple[int, ...]] = {}
-        why, passing, begin = '', False, 0
-        for held, width, addresses in wanted:
-            part = report[begin : begin + len(addresses)]
-            begin += len(addresses)
+        why, passing, first = '', False, 0
+        for block, width, addresses in requested:
+            part = replies[first : first + len(addresses)]
+            first += len(addresses)
             texts = [
-                entry.text(item.io_type, item.index, None, ranges)
-                for entry, item in zip(part, addresses, strict=True)
+                reply.text(address.io_type, address.index, None, ranges)
+                for reply, address in zip(part, addresses, strict=True)
             ]
             if any(texts):
                 why = why or next(filter(None, texts))
-                passing = any(element.passing for element in part)
+                passing = any(reply.passing for reply in part)
                 continue
-            bits = [element.value >> at & 1 for element in part for at in range(width)]
-            values[held] = tuple(bits[: held.count] if width > 1 else [t.value for t in part])
-            if width > 1:
-                group = GROUPS[IoType(held.io_type)]
-                values |= {
-                    element: packed(element, values[held])
-                    for element in ranges
-                    if element.io_type == group
-                }
+            if width == 1:
+                values[block] = tuple(reply.value for reply in part)
+                continue
+            bits = [reply.value >> bit & 1 for reply in part for bit in range(width)]
+            values[block] = tuple(bits[: block.count])
+            group = GROUPS[IoType(block.io_type)]
+            for item in ranges:
+                if item.io_type == group:
+                    values[item] = packed(item, values[block])
         if not values:
             why = why or 'the controller has no readable I/O'
             raise IoUnavailableError(why, passing=passing)
         return tuple(
-            IoValues(held.io_type, held.start, values[held]) for held in ranges if held in values
+            IoValues(item.io_type, item.start, values[item]) for item in ranges if item in values
         ), why
 
     def _publish(self, states: tuple[IoValues, ...], missing: str) -> None:
-        """Publish new values. `missing`: why some of them are unknown."""
+        """Publish values if they have changed. `missing`: why some are unknown, or ''."""
         if states == self.states:
             return
         if not self.states and not self._passing:
@@ -346,7 +352,7 @@ class Io:
         self._notify()
 
     def _lose(self, why: str, level: int) -> None:
-        """Record that the values are unknown, and log it once until they are known again."""
+        """Record why the values are unknown. Log and publish this once until they are known."""
         self.states = ()
         self.reason = why
         if not self._reported:
@@ -369,10 +375,11 @@ def make_io(
     turns: RemoteTurns,
     login: Login | None = None,
 ) -> Io:
-    """Return the I/O client for a profile. `ports`: I/O port, remote port.
+    """Return the I/O client for a profile.
 
-    login: shared login at the remote port; None: each request logs in separately. A port of 0 is
-    not used.
+    ports: I/O port and remote port. A port of 0 is not used. timeout: reply timeout, s. turns:
+    order of requests on the remote port. login: shared login on the remote port; None: each
+    request logs in separately.
     """
     port, remote_port = ports
     missing = 'I/O is not used: its port is 0'

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points by messages: for an I/O server (docs/io.md), and for MotoROS with one or eight bits.
+"""Access to I/O points by simple messages, for an I/O server (docs/io.md) and for MotoROS.
 
 Only one request is pending at a time. A reply of MotoROS does not identify its request, so the
-connection is reopened after a missing reply.
+connection is reopened if a reply is missing.
 """
 
 import asyncio
@@ -60,7 +60,7 @@ R = TypeVar('R', IoInfoReply, IoReadReply, IoWriteReply)
 
 
 class MessageIo(Backend):
-    """Requests over a dedicated link."""
+    """Access to I/O points by requests on a dedicated link."""
 
     link: Link
 
@@ -74,7 +74,7 @@ class MessageIo(Backend):
             byte_order=byte_order,
             quiet=True,
         )
-        self._one = asyncio.Lock()
+        self._lock = asyncio.Lock()
         self._why = 'connecting'
         self._answer: asyncio.Future[Packet] | None = None
         self._dialect_known = asyncio.Event()
@@ -82,16 +82,17 @@ class MessageIo(Backend):
             self._dialect_known.set()
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the state server's byte order. The I/O port shows its own only in a reply."""
+        """Use the byte order of the state server, because only replies on the I/O port show it."""
         self.link.follow(dialect)
         self._dialect_known.set()
 
     async def _exchange(self, message: Message, timeout: float) -> Packet:
-        """Send a request and return its reply. Raises IoUnavailableError if none arrives in time.
+        """Send a request and return its reply.
 
-        A reply that arrives after the timeout is not mistaken for a later one.
+        Raises IoUnavailableError if no reply arrives within `timeout` s. A reply that arrives
+        later is ignored.
         """
-        async with self._one:
+        async with self._lock:
             if self.link.connected and not self._dialect_known.is_set():
                 with contextlib.suppress(TimeoutError):  # no state message: keep the byte order
                     async with asyncio.timeout(timeout):
@@ -136,7 +137,7 @@ class MessageIo(Backend):
 
 
 class ServerIo(MessageIo):
-    """The points of a controller with an I/O server, which reports the existing ones."""
+    """Access to I/O points through an I/O server, which reports the existing points."""
 
     shown = (
         IoType.DIGITAL_INPUT,
@@ -150,18 +151,19 @@ class ServerIo(MessageIo):
     def __init__(self, host: str, port: int, byte_order: ByteOrder | None) -> None:
         super().__init__(host, port, byte_order)
         self._last_id = 0
-        self._looked = 0
+        self._connection = 0
 
-    async def look(self, timeout: float) -> None:
-        """Request the existing points, once per connection. Raises IoUnavailableError.
+    async def find_ranges(self, timeout: float) -> None:
+        """Request the existing points, once per connection.
 
-        Only this project's server is known to pack points in groups. It also has groups of 16.
+        Raises IoUnavailableError if the request fails. Groups of 16 bits identify this project's
+        server, the only one that is known to pack points in groups.
         """
         connection = self.link.statistics.connections
-        if connection != self._looked or self.ranges is None:
+        if connection != self._connection or self.ranges is None:
             reply = await self._ask(IoInfo(self._next_id()), IoInfoReply, timeout)
-            self.ranges, self._looked = reply.items, connection
-            self.grouped = any(held.start == WORD_GROUPS for held in reply.items)
+            self.ranges, self._connection = reply.items, connection
+            self.grouped = any(item.start == WORD_GROUPS for item in reply.items)
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
         """Return a result for each address. Raises IoUnavailableError if the request fails."""
@@ -178,7 +180,7 @@ class ServerIo(MessageIo):
         return [PointReply(result=item.result) for item in reply.items]
 
     def _next_id(self) -> int:
-        """Return 1, 2, … and 1 again. Not an itertools.cycle, which stores all values."""
+        """Return the next message ID, from 1 to MAX_MESSAGE_ID - 1 and then from 1 again."""
         self._last_id = self._last_id % (MAX_MESSAGE_ID - 1) + 1
         return self._last_id
 
@@ -193,11 +195,11 @@ class ServerIo(MessageIo):
 
 
 def _check_addresses(
-    reply: IoReadReply | IoWriteReply, asked: Sequence[IoAddress | IoSetting]
+    reply: IoReadReply | IoWriteReply, requested: Sequence[IoAddress | IoSetting]
 ) -> None:
-    """Raise IoUnavailableError unless the reply's items match the requested ones."""
-    answered = [(item.io_type, item.index) for item in reply.items]
-    if answered != [(item.io_type, item.index) for item in asked]:
+    """Raise IoUnavailableError unless the reply contains exactly the requested points."""
+    points = [(item.io_type, item.index) for item in reply.items]
+    if points != [(item.io_type, item.index) for item in requested]:
         raise IoUnavailableError('the reply of the I/O server has other points', sent=True)
 
 
@@ -214,7 +216,7 @@ REPLIES = (ReadIoBitReply, ReadIoGroupReply, WriteIoBitReply, WriteIoGroupReply)
 
 
 class MotomanIo(MessageIo):
-    """The general inputs and outputs of a controller with MotoROS, one request for each."""
+    """Access to the general inputs and outputs through MotoROS, with one request per point."""
 
     shown = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT)
 
@@ -230,14 +232,14 @@ class MotomanIo(MessageIo):
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
         """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
-        report: list[PointReply] = []
+        replies: list[PointReply] = []
         try:
             for item in settings:
-                report.append(await self._ask(_writing(item), timeout))  # noqa: PERF401 - it counts
+                replies.append(await self._ask(_writing(item), timeout))  # noqa: PERF401 - counted
         except IoUnavailableError as error:
-            error.sent |= bool(report)
+            error.sent |= bool(replies)
             raise
-        return report
+        return replies
 
     async def _ask(self, message: Message, timeout: float) -> PointReply:
         reply = (await self._exchange(message, timeout)).message

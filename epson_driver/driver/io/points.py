@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The I/O points of a controller, the interface for access to them, and reasons for refusals."""
+"""The I/O points of a controller, the interface for accessing them, and error texts."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -37,10 +37,10 @@ Ranges = Sequence[IoRange]
 
 
 class IoUnavailableError(RuntimeError):
-    """A request without a reply, with the reason as its text.
+    """Raised if a request fails. The text contains the reason.
 
-    `sent`: the controller may have executed it. `passing`: the controller will reply again without
-    intervention, for example when the arm is at rest.
+    `sent`: the controller may have executed the request. `passing`: the failure is temporary, for
+    example until the arm is at rest.
     """
 
     def __init__(self, text: str, *, sent: bool = False, passing: bool = False) -> None:
@@ -51,10 +51,10 @@ class IoUnavailableError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class PointReply:
-    """A controller's reply for one point: its value, or why it is missing.
+    """A controller's reply for one point: its value or an error.
 
-    `result` is an IoResult's number, or 0 if `why` has the reason. `passing`: see
-    IoUnavailableError.
+    `result`: number of an IoResult, or 0 if `why` contains the error. `passing`: the error is
+    temporary.
     """
 
     value: int = 0
@@ -63,19 +63,22 @@ class PointReply:
     passing: bool = False
 
     def text(self, io_type: int, index: int, written: int | None, ranges: Ranges) -> str:
-        """Return why a point was not read, or not written with `written`, or '' if it was."""
+        """Return the error text of the reply, or '' if there is no error.
+
+        `written`: value that was to be written, or None for reading.
+        """
         if self.why:
             return f'{_address(io_type, index, written)}: {self.why}'
         return sentence(self.result, io_type, index, written, ranges)
 
 
 class Backend(ABC):
-    """Interface for reading and writing points of one controller. `timeout` is per request, s.
+    """Interface for reading and writing the I/O points of one controller.
 
-    `ranges` are the existing points, or None while they are unknown. `shown` are the types that
-    can be read at any time. `grouped`: groups pack their points as docs/io.md describes. `link` is
-    the link for simple messages, if it uses them. `wake` is called when that link is established
-    and when it is lost.
+    ranges: the existing points, or None while they are unknown. shown: types that can be read at
+    any time. grouped: groups consist of digital points, as docs/io.md describes. link: the link
+    for simple messages, if any. wake: called when this link is established or lost. All timeouts
+    are in s.
     """
 
     shown: Sequence[IoType]
@@ -87,7 +90,7 @@ class Backend(ABC):
     def follow(self, dialect: Dialect) -> None:  # noqa: B027 - text has no byte order
         """Use the byte order and real width of the state server."""
 
-    async def look(self, timeout: float) -> None:  # noqa: B027 - a profile has them
+    async def find_ranges(self, timeout: float) -> None:  # noqa: B027 - a profile has them
         """Request the existing points. Raises IoUnavailableError if the request fails."""
 
     @abstractmethod
@@ -96,11 +99,14 @@ class Backend(ABC):
 
     @abstractmethod
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
+        """Write points in order. Raises IoUnavailableError if the request fails."""
 
 
 def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange, ...]:
-    """Return the points of a profile that are accessible without an I/O server."""
+    """Return the I/O points of a profile, for a controller without an I/O server.
+
+    words: include groups of 16 bits. flags: include flags.
+    """
     ranges = []
     for io_type, count in (
         (IoType.DIGITAL_INPUT, profile.digital_inputs),
@@ -112,20 +118,20 @@ def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange,
             ranges.append(IoRange(GROUPS[io_type], WORD_GROUPS, -(-count // WORD_BITS), 0))
     if flags:
         ranges.append(IoRange(IoType.FLAG, 0, profile.flags, 0))
-    return tuple(held for held in ranges if held.count)
+    return tuple(item for item in ranges if item.count)
 
 
 def there(io_type: int, index: int, ranges: Ranges) -> bool:
-    """Return whether any range contains a point."""
+    """Return whether any range contains the point."""
     return any(
-        held.io_type == io_type and held.start <= index < held.start + held.count
-        for held in ranges
+        item.io_type == io_type and item.start <= index < item.start + item.count
+        for item in ranges
     )
 
 
 def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> IoResult:
-    """Return SUCCESS, or why a point cannot be read, or written with `value`."""
-    if io_type not in [held.io_type for held in ranges]:
+    """Return SUCCESS if a point can be read, or written with `value`, else the error."""
+    if io_type not in [item.io_type for item in ranges]:
         return IoResult.TYPE_UNSUPPORTED
     if not there(io_type, index, ranges):
         return IoResult.INDEX_OUT_OF_RANGE
@@ -135,51 +141,53 @@ def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> Io
         return IoResult.TYPE_FEATURE_UNSUPPORTED
     if io_type == IoType.ANALOG_OUTPUT:  # only the controller knows its range
         return IoResult.SUCCESS
-    maximum = _most(index, ranges) if io_type == IoType.GROUP_OUTPUT else 1
+    maximum = _max_value(index, ranges) if io_type == IoType.GROUP_OUTPUT else 1
     return IoResult.SUCCESS if 0 <= value <= maximum else IoResult.VALUE_OUT_OF_RANGE
 
 
 def shown(
     ranges: Ranges, types: Sequence[IoType], *, grouped: bool
 ) -> Iterator[tuple[IoRange, int, list[IoAddress]]]:
-    """Yield the ranges whose values are requested, points in one value, and addresses to read.
+    """Yield each range to poll, the number of its points per value, and the addresses to read.
 
-    Digital points are read in groups if these pack them (`grouped`). Such groups are shown without
-    being read. Ranges that would exceed MAX_SHOWN points in total are omitted.
+    If groups consist of digital points (`grouped`), the digital points are read as groups, and the
+    values of the groups are computed from them (`packed`). Ranges beyond a total of MAX_SHOWN
+    points are omitted.
     """
-    left = MAX_SHOWN
-    for held in ranges:
-        if held.io_type not in types or not 0 < held.count <= left:
+    remaining = MAX_SHOWN
+    for item in ranges:
+        if item.io_type not in types or not 0 < item.count <= remaining:
             continue
-        left -= held.count
-        group = GROUPS.get(IoType(held.io_type))
-        if grouped and held.io_type in GROUPS.values():
+        remaining -= item.count
+        group = GROUPS.get(IoType(item.io_type))
+        if grouped and item.io_type in GROUPS.values():
             continue
-        if not grouped or group is None or held.start:
-            points = range(held.start, held.start + held.count)
-            yield held, 1, [IoAddress(held.io_type, index) for index in points]
+        if not grouped or group is None or item.start:
+            points = range(item.start, item.start + item.count)
+            yield item, 1, [IoAddress(item.io_type, index) for index in points]
             continue
         width, first = WORD_BITS, WORD_GROUPS
-        if not there(group, first + (held.count - 1) // width, ranges):
+        if not there(group, first + (item.count - 1) // width, ranges):
             width, first = BYTE_BITS, 0
-        ports = range(first, first - -held.count // width)
-        yield held, width, [IoAddress(group, index) for index in ports]
+        ports = range(first, first - -item.count // width)
+        yield item, width, [IoAddress(group, index) for index in ports]
 
 
-def packed(held: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
-    """Return the values of a range of groups from the values of its digital points."""
-    width = _width(held.start)
-    ports = range(held.start % WORD_GROUPS, held.start % WORD_GROUPS + held.count)
+def packed(groups: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
+    """Return the values of a range of groups. `bits`: values of all digital points from 0 on."""
+    width = _width(groups.start)
+    first = groups.start % WORD_GROUPS
     return tuple(
-        sum(bit << at for at, bit in enumerate(bits[width * port : width * (port + 1)]))
-        for port in ports
+        sum(value << bit for bit, value in enumerate(bits[width * port : width * (port + 1)]))
+        for port in range(first, first + groups.count)
     )
 
 
 def sentence(result: int, io_type: int, index: int, value: int | None, ranges: Ranges) -> str:
-    """Return why a point was not read, or not written with `value`, or '' for SUCCESS.
+    """Return the error text for the number of an IoResult, or '' for SUCCESS.
 
-    `ranges` are the ranges reported by the controller, empty while they are unknown.
+    `value`: value that was to be written, or None for reading. `ranges`: the existing points, or
+    empty while they are unknown.
     """
     if result == IoResult.SUCCESS:
         return ''
@@ -204,12 +212,12 @@ def _not_by_type(io_type: int, _index: int, _ranges: Ranges) -> str:
 
 
 def _no_index(io_type: int, _index: int, ranges: Ranges) -> str:
-    has = [
-        f'{held.start} to {held.start + held.count - 1}'
-        for held in ranges
-        if held.io_type == io_type and held.count > 0
+    spans = [
+        f'{item.start} to {item.start + item.count - 1}'
+        for item in ranges
+        if item.io_type == io_type and item.count > 0
     ]
-    return f'the controller has {" and ".join(has)}' if has else 'unknown index'
+    return f'the controller has {" and ".join(spans)}' if spans else 'unknown index'
 
 
 def _no_value(io_type: int, index: int, ranges: Ranges) -> str:
@@ -217,19 +225,19 @@ def _no_value(io_type: int, index: int, ranges: Ranges) -> str:
         return "beyond the range of the controller's analogue outputs, in mV"
     if io_type != IoType.GROUP_OUTPUT:
         return 'must be 0 or 1'
-    return f'must be 0 to {_most(index, ranges)}'
+    return f'must be 0 to {_max_value(index, ranges)}'
 
 
 def _width(group: int) -> int:
     return WORD_BITS if group >= WORD_GROUPS else BYTE_BITS
 
 
-def _most(group: int, ranges: Ranges) -> int:
-    """Return the maximum value of a group of outputs, from its existing points."""
+def _max_value(group: int, ranges: Ranges) -> int:
+    """Return the maximum value of an output group, according to its existing points."""
     width = _width(group)
     first = group % WORD_GROUPS * width
-    outputs = [held for held in ranges if held.io_type == IoType.DIGITAL_OUTPUT]
-    end = max((held.start + held.count for held in outputs), default=first + width)
+    outputs = [item for item in ranges if item.io_type == IoType.DIGITAL_OUTPUT]
+    end = max((item.start + item.count for item in outputs), default=first + width)
     return int((1 << max(0, min(width, end - first))) - 1)
 
 

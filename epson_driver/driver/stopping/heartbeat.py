@@ -3,18 +3,16 @@
 """Heartbeats for a controller that stops the arm when its motion client stalls.
 
 Heartbeats are sent only if the profile enables them and the controller's program supports them.
-The driver requests the program's version on the state port, and repeats the request with each
-enable until the version is known to support heartbeats. Other programs receive no new messages on
-the motion port, whatever the profile: they would terminate the published program for EPSON's C3,
-which does not read its state port.
+The driver requests the program's version on the state port. It repeats the request with each
+enable until a version that supports heartbeats is confirmed. No other program receives heartbeats,
+because an unknown message may terminate it.
 
-A heartbeat is a PING sent as a topic. REP-I0006 defines no reply to a topic, so heartbeats do not
-take part in matching replies to requests. The first heartbeat is sent before the first point. The
-next ones follow every BEAT of the timeout. They are sent by the loop that does all other work, so
-none is sent while the loop stalls.
+A heartbeat is a PING sent as a topic. Topics have no replies (REP-I0006), so heartbeats do not
+affect the matching of replies to requests. The first heartbeat precedes the first point. The event
+loop that does all other work sends the next ones, so none is sent while that loop is stalled.
 
-A stalled driver applies the same timeout to itself. It abandons its goal or stream, even if the
-arm came to rest at its last point before the controller would have stopped it.
+A stalled driver applies the same timeout to itself. It ends its goal or stream, even if the arm
+has come to rest at its last point before the controller stopped it.
 """
 
 import asyncio
@@ -25,21 +23,22 @@ from epson_driver.link import Link, PendingRequest
 from epson_driver.simple_message import GetVersion, Packet, Ping, ReplyCode
 
 BEAT = 0.05
-"""Period of the heartbeats as a fraction of the timeout. The loop may stall for the rest of it."""
+"""Period of the heartbeats as a fraction of the timeout."""
 
 BUSY = 'this machine is too busy: '
 REMEDY = ', end other programs or allow a higher priority (docs/troubleshooting.md)'
-"""Text before and after the first report of a stall."""
+"""Texts before and after the first report of a stall."""
 
 FIRST_VERSION = (0, 2)
-"""Version of the first program with a watchdog."""
+"""First version of the controller program that supports heartbeats."""
 
 
 class Heartbeat:
-    """Sends heartbeats on the `motion` link while `wanted` returns True (points are pending).
+    """Sends heartbeats on the `motion` link while `has_points` returns True.
 
-    `timeout`: the controller's heartbeat timeout, s; 0 disables heartbeats. `on_hung` is called
-    with a clause for the error text when no heartbeat was sent for longer than that.
+    `has_points` returns whether the controller may have points of this driver to execute.
+    `timeout`: the controller's heartbeat timeout, s; 0 disables heartbeats. `on_stall` is called
+    with the reason if no heartbeat was sent for longer than `timeout`.
     """
 
     def __init__(
@@ -47,59 +46,59 @@ class Heartbeat:
         motion: Link,
         state: Link,
         timeout: float,
-        wanted: Callable[[], bool],
-        on_hung: Callable[[str], None],
+        has_points: Callable[[], bool],
+        on_stall: Callable[[str], None],
     ) -> None:
         self._motion = motion
         self._state = state
         self._timeout = timeout
-        self._wanted = wanted
-        self._on_hung = on_hung
-        self._asked: PendingRequest | None = None
-        self._watched = False
+        self._has_points = has_points
+        self._on_stall = on_stall
+        self._request: PendingRequest | None = None
+        self._supported = False
         self._sent = 0.0
         self._reported = False
         self.longest_gap = 0.0
         """Longest time between two heartbeats during a motion, s."""
 
-    def ask(self) -> None:
+    def request_version(self) -> None:
         """Request the version of the controller's program, once per state connection."""
-        if self._timeout and self._asked is None:
+        if self._timeout and self._request is None:
             with contextlib.suppress(ConnectionError):
-                self._asked = self._state.post(GetVersion(), self._on_version)
+                self._request = self._state.post(GetVersion(), self._on_version)
 
-    def ask_again(self) -> None:
-        """Repeat the request unless a watchdog is confirmed: the reply may have been corrupted."""
-        if self._asked is not None and not self._watched:
-            self._state.give_up(self._asked)
-            self._asked = None
-            self.ask()
+    def repeat_request(self) -> None:
+        """Request the version again if support is not confirmed: the reply may be missing."""
+        if self._request is not None and not self._supported:
+            self._state.give_up(self._request)
+            self._request = None
+            self.request_version()
 
-    def forget(self) -> None:
-        """Forget the version after the state link is lost: another controller may reply next."""
-        self._asked, self._watched = None, False
+    def reset(self) -> None:
+        """Discard the version, because the state link was lost."""
+        self._request, self._supported = None, False
 
     def before_point(self) -> None:
-        """Send or check the heartbeat before a point. Raises ConnectionError after a stall."""
-        if not self._watched:
+        """Send a heartbeat before the first point. Raises ConnectionError after a stall."""
+        if not self._supported:
             return
-        if not self._wanted():
+        if not self._has_points():
             self._send()
-        elif (why := self.look()) is not None:
+        elif (why := self.check_stall()) is not None:
             raise ConnectionError(why)
 
     async def run(self) -> None:
         """Send heartbeats until cancelled."""
         while self._timeout:
             await asyncio.sleep(BEAT * self._timeout)
-            if self._watched and self._wanted():
-                self.look()
+            if self._supported and self._has_points():
+                self.check_stall()
                 self._send()
 
     def _on_version(self, packet: Packet, now: float) -> None:
         message = packet.message
         if packet.reply_code is ReplyCode.SUCCESS and isinstance(message, GetVersion):
-            self._watched = message.version >= FIRST_VERSION
+            self._supported = message.version >= FIRST_VERSION
             self._sent = now
 
     def _send(self) -> None:
@@ -107,24 +106,23 @@ class Heartbeat:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops anyway
             self._motion.send_topic(Ping())
 
-    def look(self, *, stopped: bool = False) -> str | None:
-        """Return a clause and end the motion if the loop stalled since the last heartbeat.
+    def check_stall(self, *, stopped: bool = False) -> str | None:
+        """End the motion and return the reason if the loop was stalled since the last heartbeat.
 
-        Returns None if it did not, or if no heartbeats are needed now.
-        `stopped`: the controller reports that its watchdog expired. Half the timeout is then
-        enough to show that the loop was the cause.
+        Returns None if it was not, or if no heartbeats are needed now. `stopped`: the controller
+        reports that its heartbeat timeout expired. A stall of half the timeout is then sufficient.
         """
-        if not (self._watched and self._wanted()):
+        if not (self._supported and self._has_points()):
             return None
-        hung = _now() - self._sent
-        self.longest_gap = max(self.longest_gap, hung)
-        if hung <= self._timeout * (0.5 if stopped else 1.0):
+        gap = _now() - self._sent
+        self.longest_gap = max(self.longest_gap, gap)
+        if gap <= self._timeout * (0.5 if stopped else 1.0):
             return None
-        why = f'this driver was stalled for {hung:.3g} s, the controller waits {self._timeout:g} s'
+        why = f'this driver was stalled for {gap:.3g} s, the controller waits {self._timeout:g} s'
         if not self._reported:
             self._reported, why = True, f'{BUSY}{why}{REMEDY}'
         self._sent = _now()
-        self._on_hung(why)
+        self._on_stall(why)
         return why
 
 

@@ -5,8 +5,9 @@
 The profile selects the method (`program.motors`, docs/controllers.md):
 
 * remote_ethernet: EPSON's Remote Ethernet commands, if a `remote_port` is configured;
-* restart: the same commands, with the program stopped before and started after them. Controllers
-  that run a program accept these commands only while it is stopped;
+* restart: the same commands, but the controller's program is stopped before them and restarted
+  after the motors are on. Controllers that run a program accept the commands only while it is
+  stopped;
 * motoman: Motoman's commands on the motion port;
 * none: an operator switches the motors.
 """
@@ -32,13 +33,13 @@ MotorsKind = Literal['none', 'remote_ethernet', 'restart', 'motoman']
 READY_PERIOD_S = 0.05
 """Period for polling whether a controller is Ready, s."""
 
-READY_SHARE = 0.75
+READY_FRACTION = 0.75
 """Fraction of an action's timeout within which the controller must become Ready."""
 
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """An action's command in Remote Ethernet, for Motoman, and as an instruction to a person."""
+    """The commands of an action, by protocol, and the instruction for an operator."""
 
     remote_ethernet: str
     motoman: Command
@@ -46,7 +47,7 @@ class Commands:
 
 
 class Action(Enum):
-    """An action on the controller and its commands."""
+    """An action on the controller. Its value contains the commands."""
 
     MOTORS_ON = Commands(
         'SetMotorsOn,1', Command.START_SERVOS, 'switch the motors on at the controller'
@@ -57,35 +58,36 @@ class Action(Enum):
     RESET = Commands('Reset', Command.RESET_ALARM, 'reset the error at the controller')
 
 
-MOTOMAN_LOOK = (
+MOTOMAN_CHECKS = (
     'the controller reports no cause: check whether a safeguard door is open, an E-stop is '
     'pressed, or the pendant shows an alarm, or is not in REMOTE mode'
 )
-"""Checks for the operator when the servos of a Motoman do not switch on."""
+"""Instruction for the operator if the servos of a Motoman cannot be switched on."""
 
 ControllerStatus = tuple[tuple[str, ...], int, int | None]
 """Flags, error number and control device, as reported over Remote Ethernet."""
 
 
 class MotorsError(RuntimeError):
-    """A failed action. Its text contains the reason and a remedy for the operator.
+    """Raised if an action fails. The text contains the reason and a remedy for the operator.
 
-    `unanswered`: the controller may have received the command and may still execute it. `told`:
-    the controller's status after it refused the command, or None.
+    `unanswered`: the controller may still execute the command. `status`: status of a controller
+    that refused the command, or None.
     """
 
     def __init__(
-        self, text: str, *, unanswered: bool = False, told: ControllerStatus | None = None
+        self, text: str, *, unanswered: bool = False, status: ControllerStatus | None = None
     ) -> None:
         super().__init__(text)
         self.unanswered = unanswered
-        self.told = told
+        self.status = status
 
 
 class Motors(Protocol):
-    """Interface for switching the motors. `missing`: why it is unavailable, or ''.
+    """Interface for switching the motors.
 
-    `restarts`: switching the motors on also starts the controller's program.
+    `missing`: why the driver cannot switch the motors, or ''. `restarts`: switching the motors on
+    also restarts the controller's program.
     """
 
     missing: str
@@ -94,12 +96,12 @@ class Motors(Protocol):
     async def act(self, action: Action, timeout: float) -> None:
         """Execute the action within `timeout` s. Raises MotorsError if it fails."""
 
-    async def tell(self, timeout: float) -> ControllerStatus | None:
-        """Return the controller's status, requested within `timeout` s, or None if unavailable."""
+    async def status(self, timeout: float) -> ControllerStatus | None:
+        """Return the controller's status, or None if it is not available within `timeout` s."""
 
 
 class MotorsByHand:
-    """Motors that only an operator can switch: every action fails."""
+    """Motors that only an operator can switch. All actions fail."""
 
     restarts = False
 
@@ -110,12 +112,12 @@ class MotorsByHand:
         """Raise MotorsError."""
         raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
 
-    async def tell(self, timeout: float) -> ControllerStatus | None:
+    async def status(self, timeout: float) -> ControllerStatus | None:
         """Return None."""
 
 
 class RemoteEthernetMotors:
-    """Switches the motors over EPSON's Remote Ethernet, ahead of other users of the port."""
+    """Switches the motors over EPSON's Remote Ethernet, with priority over other requests."""
 
     missing = ''
     restarts = False
@@ -127,64 +129,65 @@ class RemoteEthernetMotors:
         turns: RemoteTurns | None = None,
         login: Login | None = None,
     ) -> None:
-        self._place = f'{host}:{port}'
+        self._address = f'{host}:{port}'
         self._login = login or partial(logged_in, host, port)
         self._turns = turns or RemoteTurns()
 
     async def act(self, action: Action, timeout: float) -> None:
         """Log in and send the command. Raises MotorsError if it fails."""
         failed: Exception | None = None
-        report: ControllerStatus | None = None
+        status: ControllerStatus | None = None
         try:
             async with self._turns.urgent(), self._login(timeout) as ask:
                 try:
-                    await self._give(ask, action, timeout)
+                    await self._execute(ask, action, timeout)
                 except RemoteError as error:
                     failed = error
-                    report = await self._condition(ask)
+                    status = await self._query(ask)
         except (RemoteError, OSError, TimeoutError) as error:
             failed = failed or error
         if failed is not None:
             raise MotorsError(
-                f'remote port {self._place}: {str(failed) or "no answer"}: {action.value.by_hand}',
+                f'remote port {self._address}: {str(failed) or "no answer"}: '
+                f'{action.value.by_hand}',
                 unanswered=isinstance(failed, TimeoutError),
-                told=report,
+                status=status,
             ) from failed
 
-    async def tell(self, timeout: float) -> ControllerStatus | None:
-        """Return the status if the port is free, or None if it is in use or does not answer."""
+    async def status(self, timeout: float) -> ControllerStatus | None:
+        """Return the controller's status, or None if the port is in use or does not reply."""
 
-        async def asked() -> ControllerStatus:
+        async def query() -> ControllerStatus:
             async with self._login(timeout) as ask:
-                return await self._condition(ask)
+                return await self._query(ask)
 
         try:
             async with asyncio.timeout(timeout):
-                return await self._turns.patient(asked)
-        except (RemoteError, OSError, TimeoutError):  # GaveWayError is an OSError
+                return await self._turns.patient(query)
+        except (RemoteError, OSError, TimeoutError):
             return None
 
-    async def _condition(self, ask: Ask) -> ControllerStatus:
+    async def _query(self, ask: Ask) -> ControllerStatus:
         return (*await ask_flags(ask), await ask_control_device(ask))
 
-    async def _give(self, ask: Ask, action: Action, _timeout: float) -> None:
+    async def _execute(self, ask: Ask, action: Action, _timeout: float) -> None:
         await ask(action.value.remote_ethernet)
 
 
 class RestartingMotors(RemoteEthernetMotors):
-    """Remote Ethernet for a controller that runs a program.
+    """Switches the motors over Remote Ethernet, for a controller that runs a program.
 
-    The controller accepts most commands only while no program runs, that is, while it is Ready.
-    The program is therefore stopped before the command, and started after the motors are on. The
-    Stop command also brings a moving arm to rest.
+    The controller accepts most commands only while it is Ready, that is, while no program runs.
+    The program is therefore stopped before each command, and restarted after the motors are on.
+    The Stop command also brings a moving arm to rest.
     """
 
     restarts = True
 
-    async def _give(self, ask: Ask, action: Action, timeout: float) -> None:
+    async def _execute(self, ask: Ask, action: Action, timeout: float) -> None:
         await ask('Stop')
         try:
-            async with asyncio.timeout(timeout * READY_SHARE):
+            async with asyncio.timeout(timeout * READY_FRACTION):
                 while 'Ready' not in (await ask_flags(ask))[0]:  # noqa: ASYNC110 - it sends no events
                     await asyncio.sleep(READY_PERIOD_S)
         except TimeoutError as error:
@@ -228,28 +231,28 @@ class MotomanMotors:
             why = str(error)
         if why is not None:
             unexplained = why == RESULTS[Result.FAILURE] and action is Action.MOTORS_ON
-            todo = MOTOMAN_LOOK if unexplained else commands.by_hand
-            raise MotorsError(f'{commands.motoman.name}: {why}: {todo}', unanswered=unanswered)
+            remedy = MOTOMAN_CHECKS if unexplained else commands.by_hand
+            raise MotorsError(f'{commands.motoman.name}: {why}: {remedy}', unanswered=unanswered)
 
-    async def tell(self, timeout: float) -> ControllerStatus | None:
+    async def status(self, timeout: float) -> ControllerStatus | None:
         """Return None."""
 
 
 class SerializedMotors:
-    """Serializes the commands to another `Motors` object.
+    """Executes the commands to another `Motors` object one after the other.
 
     The last command therefore determines the final state. Cancelling a caller drops a command that
     is still queued, but not a command that has already been sent.
     """
 
-    def __init__(self, way: Motors) -> None:
-        self.missing = way.missing
-        self.restarts = way.restarts
+    def __init__(self, motors: Motors) -> None:
+        self.missing = motors.missing
+        self.restarts = motors.restarts
         self.may_come_on = False
         """True if a command to switch the motors on had no reply and may still take effect."""
-        self._way = way
+        self._motors = motors
         self._lock = asyncio.Lock()
-        self._given: asyncio.Task[None] | None = None
+        self._active: asyncio.Task[None] | None = None
         self._tasks: dict[asyncio.Task[None], None] = {}
 
     @property
@@ -271,16 +274,16 @@ class SerializedMotors:
             caller = asyncio.current_task()
             if task.cancelled() and caller is not None and not caller.cancelling():
                 raise MotorsError('the driver has ended', unanswered=True) from None
-            if task is not self._given:
+            if task is not self._active:
                 task.cancel()
             raise
 
-    async def tell(self, timeout: float) -> ControllerStatus | None:
-        """Return the controller's status, requested independently of the command queue."""
-        return await self._way.tell(timeout)
+    async def status(self, timeout: float) -> ControllerStatus | None:
+        """Return the controller's status without waiting for queued commands."""
+        return await self._motors.status(timeout)
 
     async def close(self) -> None:
-        """Cancel the running and queued commands. Each of them fails."""
+        """Cancel the running and queued commands. Their callers receive MotorsError."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -288,17 +291,17 @@ class SerializedMotors:
 
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.pop(task, None)
-        if task is self._given:
-            self._given = None  # its exception refers to the caller's frames
+        if task is self._active:
+            self._active = None  # its exception refers to the caller's frames
         if not task.cancelled() and (error := task.exception()) is not None:
             _log.debug('%s', error)  # also raised to a caller that still waits
 
     async def _act(self, action: Action, timeout: float) -> None:
         async with self._lock:
-            self._given = asyncio.current_task()
+            self._active = asyncio.current_task()
             on = action is Action.MOTORS_ON
             try:
-                await self._way.act(action, timeout)
+                await self._motors.act(action, timeout)
             except MotorsError as error:
                 self.may_come_on |= on and error.unanswered
                 raise

@@ -1,24 +1,25 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Supervision of STOP: it is sent, acknowledged, and followed by an arm at rest.
+"""Supervision of STOP until it is acknowledged and the arm is at rest.
 
 Rules (docs/invariants.md, 3 and 9):
 
-1. Every message for the motion port passes through here, so it is known whether the arm may still
-   have a motion of this driver to execute. After a STOP no new motion starts before that stop is
-   over.
+1. The Stopper sends every message on the motion port. It therefore knows whether the controller
+   may still have points of this driver to execute. After STOP no new motion starts before the stop
+   is over.
 2. A stop is over when the arm has been at rest for REST_TIME_S after STOP was acknowledged.
-   Without an acknowledgement the state decides: the arm must have been at rest for
-   UNCONFIRMED_REST_TIME_S and, if a reply is still possible, for the reply timeout.
-3. The alarm is raised if STOP is refused, is not answered in time, or is not followed by rest in
-   time. The owner then closes the arm gate. While the arm still moves, STOP is repeated, and the
-   motors are switched off if the driver can do that.
-4. A controller that has switched off the motors on its own, for example for an E-stop, need not
-   accept STOP. In that case only an arm that keeps moving raises the alarm.
-5. A controller that may still have points when a client connects receives STOP first (`goes_on`).
-   The points may be from this driver or, on controllers that keep points, from any client before.
-6. An arm that moves without a motion of this driver (for example, jogged by an operator) is left
-   alone: STOP is not repeated, and the motors are not switched off.
+   Without an acknowledgement the arm must have been at rest for UNCONFIRMED_REST_TIME_S and, if a
+   reply is still possible, for the reply timeout.
+3. The alarm is raised if STOP is rejected, if its reply is late, or if the arm does not come to
+   rest in time. The owner then closes the arm gate. While the arm still moves, STOP is repeated,
+   and the motors are switched off if the driver can do that.
+4. A controller that has switched off the motors, for example because of an E-stop, need not accept
+   STOP. Only an arm that keeps moving then raises the alarm.
+5. A controller that may still have points when a client connects receives STOP first
+   (`may_resume`). The points may be from this driver or, on controllers that keep points, from an
+   earlier client.
+6. If the arm moves without a motion of this driver, for example because an operator jogs it, STOP
+   is not repeated, and the motors are not switched off.
 """
 
 import asyncio
@@ -41,14 +42,14 @@ ANSWER_TIMEOUT_S = 1.0
 """Reply timeout of STOP, s. If it expires, the alarm is raised."""
 
 BRAKING_TIMEOUT_S = 2.0
-"""Maximum time from STOP to rest, s. If the arm still moves then, the alarm is raised."""
+"""Maximum time from STOP until the arm is at rest, s. If it expires, the alarm is raised."""
 
 STOP_REPEAT_PERIOD_S = 0.3
 """Period for repeating STOP while the arm moves in spite of it, s."""
 
 MOTORS_OFF_DELAY_S = 0.5
-"""Time from the alarm until the motors of a moving arm are switched off, s. An arm that was
-stopped by another cause, such as an E-stop, is at rest within this time."""
+"""Time from the alarm until the motors of a moving arm are switched off, s. An arm that brakes
+for another reason, such as an E-stop, is at rest within this time."""
 
 MOTORS_OFF_TIMEOUT_S = 2.0
 """Time for the controller to switch the motors off before the command is repeated, s."""
@@ -57,18 +58,18 @@ CAUSE_TIMEOUT_S = 0.1
 """Maximum wait for the STATUS with the reason for a refused STOP, s."""
 
 CHECK_PERIOD_S = 0.1
-"""Period for checking a pending stop when no messages arrive, s. Timeouts are counted in checks,
-so a delayed check, for example when this process was not scheduled, counts only once."""
+"""Period for checking a pending stop, s. Timeouts count checks, so time in which this process was
+not scheduled does not count."""
 
 _log = logging.getLogger(__name__)
 
 
 class Stopper:
-    """Sends all messages for the motion port, and supervises each STOP until the arm is at rest.
+    """Sends all messages on the motion port, and supervises each STOP until the arm is at rest.
 
-    `before_point` is called before each point, and may raise ConnectionError.
-    `on_alarm(why, unanswered)` is called once for each failed stop, `on_rest` when a stop is over.
-    Runs in one event loop. Times are the loop's, s.
+    `before_point` is called before each point. It may raise ConnectionError to prevent sending.
+    `on_alarm(why, unanswered)` is called once for each failed stop, with True if STOP has no
+    reply. `on_rest` is called when a stop is over. Times are the event loop's, s.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class Stopper:
         self.stopped_velocity = 0.01
         """Velocity below which a joint counts as stopped, rad/s."""
         self.alarm: str | None = None
-        """Why the last stop failed. Reset to None when the arm is enabled."""
+        """Why the last stop failed, or None since the arm was enabled again."""
         self.delivery = delivery
         self._robot = robot
         self._changed = changed
@@ -97,17 +98,17 @@ class Stopper:
         self._sent = 0.0
         self._acknowledged = False
         self._rejection: str | None = None
-        self._rejected_look = 0
+        self._rejected_check = 0
         self._unsent: str | None = None
         self._alarm_since: float | None = None
         self._reported = ''
         self._standstill = Standstill(0.0)
         self._timer: asyncio.TimerHandle | None = None
-        self._looks = 0
+        self._checks = 0
         self._switching: asyncio.Task[None] | None = None
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Post a message through the delivery and supervise STOP. Raises ConnectionError."""
+        """Send a point or STOP. Raises ConnectionError if no link is available."""
         if message == STOP:
             self._post_stop(on_reply)
         else:
@@ -117,7 +118,7 @@ class Stopper:
 
     @property
     def over(self) -> bool:
-        """True while no stop is pending: the arm was at rest when the last one ended."""
+        """True while no stop is pending."""
         return self._since is None
 
     @property
@@ -126,18 +127,18 @@ class Stopper:
         return self._ours
 
     @property
-    def goes_on(self) -> bool:
-        """True if the controller may execute old points on a new motion connection."""
+    def may_resume(self) -> bool:
+        """True if the controller may execute old points after a new motion connection."""
         return self.delivery.keeps_points or self._ours or not self.over
 
     @property
-    def kept(self) -> bool:
-        """True if the controller keeps points and the last STOP is unconfirmed (`doubt`)."""
+    def may_have_old_points(self) -> bool:
+        """True if the controller keeps points and the last stop is unconfirmed (see `doubt`)."""
         return self.delivery.keeps_points and self.doubt is not None
 
     @property
     def answered(self) -> bool:
-        """True once the controller has replied to the last STOP, with SUCCESS or FAILURE."""
+        """True if the controller has replied to the last STOP, with SUCCESS or FAILURE."""
         return self._acknowledged or self._rejection is not None
 
     @property
@@ -152,9 +153,9 @@ class Stopper:
 
     @property
     def doubt(self) -> str | None:
-        """Why the last stop is unconfirmed, as a clause, or None.
+        """Why the last stop is unconfirmed, or None if it is confirmed.
 
-        None if STOP was acknowledged, was not refused before, and the arm came to rest.
+        A stop is confirmed if STOP was acknowledged, never rejected, and the arm came to rest.
         """
         if self._unsent is not None and not self._acknowledged:
             return f'STOP could not be sent: {self._unsent}'
@@ -164,19 +165,19 @@ class Stopper:
             return 'no reply to STOP'
         if self._since is None:
             return None
-        if self._unseen:
+        if self._no_joints:
             return 'no joint state shows whether the arm is at rest'
         return 'the arm is moving' if self._moves() else 'no STATUS shows that the arm is at rest'
 
     @property
     def arm_state(self) -> str:
-        """The arm's motion state, as a clause: at rest, moving or unknown."""
-        if self._unseen:
+        """Text that describes whether the arm is moving or at rest."""
+        if self._no_joints:
             return 'no joint state shows whether the arm is at rest'
         return 'the arm is still moving' if self._moves() else 'the arm is at rest'
 
     @property
-    def _unseen(self) -> bool:
+    def _no_joints(self) -> bool:
         return self._robot.sample is None or self._robot.joints_unavailable
 
     def stop(self) -> None:
@@ -193,14 +194,14 @@ class Stopper:
         return self.over
 
     def raise_alarm(self, why: str) -> None:
-        """Raise the alarm for the pending stop, at most once."""
+        """Raise the alarm for the pending stop, unless it is already raised."""
         if self._since is not None and self._alarm_since is None:
             self._alarm_since = _now()
             self.alarm = why
             self._on_alarm(why, not self.answered)
 
     def goal_reached(self) -> None:
-        """Record that a goal succeeded: all points are executed and the arm is at rest."""
+        """Record that all points are executed, because a goal succeeded or a stream ended."""
         self._ours = False
 
     def enabled(self) -> None:
@@ -208,12 +209,12 @@ class Stopper:
         self.alarm = None
 
     def link_lost(self) -> None:
-        """Record that the motion link is lost, so no reply to STOP can come."""
+        """Record that no reply to a pending STOP can arrive, because the motion link is lost."""
         if self._since is not None and not self.answered and self._unsent is None:
             self._not_sent('the motion link was lost')
 
     def see(self, now: float) -> None:
-        """Evaluate the robot state after new joints or a new status."""
+        """Check whether the arm is at rest, after new joints or a new status."""
         sample = self._robot.sample
         if self._since is None or sample is None:
             return
@@ -235,7 +236,10 @@ class Stopper:
             await asyncio.gather(self._switching, return_exceptions=True)
 
     async def motors_off(self, timeout: float) -> None:
-        """Switch the motors off if the arm moves in spite of STOP, and log a failure."""
+        """Switch the motors off within `timeout` s if the arm moves in spite of STOP.
+
+        A failure is logged.
+        """
         if not self.over and self._ours and self._moves():
             await self._switch_off(timeout)
 
@@ -250,8 +254,8 @@ class Stopper:
             # not before the reply is overdue: after a network delay the state may arrive first
             self._standstill.expect(now, max(UNCONFIRMED_REST_TIME_S, ANSWER_TIMEOUT_S))
             self._stop_polling()
-            self._looks = 0
-            self._look_later()
+            self._checks = 0
+            self._check_later()
         self._unsent = None
 
         def on_answer(packet: Packet, now: float) -> None:
@@ -265,7 +269,7 @@ class Stopper:
             raise
 
     def _not_sent(self, why: str) -> None:
-        """Record that no reply to STOP will come, so the state alone decides."""
+        """Record that no reply to STOP will arrive, so the robot state alone decides."""
         self._unsent = why
         if not self.answered:
             self._standstill.expect_rest(UNCONFIRMED_REST_TIME_S)
@@ -279,14 +283,14 @@ class Stopper:
             self._standstill.expect(now, REST_TIME_S)
         else:
             if self._rejection is None:
-                self._rejection, self._rejected_look = no, self._looks
+                self._rejection, self._rejected_check = no, self._checks
             self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
         self._changed.notify_all()
 
     def _end(self, now: float) -> None:
-        """End the stop: the arm is at rest."""
-        taken = self._acknowledged and self._rejection is None
-        if not taken and self._unsent is None and self._powered():
+        """End the stop, because the arm is at rest."""
+        confirmed = self._acknowledged and self._rejection is None
+        if not confirmed and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
         if self._alarm_since is not None:
             _log.warning('the arm is at rest %.2f s after STOP', now - (self._since or now))
@@ -296,27 +300,27 @@ class Stopper:
         self._changed.notify_all()
         self._on_rest()
 
-    def _look_later(self) -> None:
-        self._timer = asyncio.get_running_loop().call_later(CHECK_PERIOD_S, self._look)
+    def _check_later(self) -> None:
+        self._timer = asyncio.get_running_loop().call_later(CHECK_PERIOD_S, self._check)
 
     def _stop_polling(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         """Raise the alarm if the stop takes too long, and repeat STOP or switch the motors off."""
         if self._since is None:
             return
         now = _now()
-        self._looks += 1
-        waited = self._looks * CHECK_PERIOD_S
-        self._look_later()
+        self._checks += 1
+        waited = self._checks * CHECK_PERIOD_S
+        self._check_later()
         if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIMEOUT_S:
             self.raise_alarm(f'the arm is still moving {BRAKING_TIMEOUT_S:g} s after STOP')
         elif self._unsent is None and self._powered():
             if self._rejection is not None:
-                if (self._looks - self._rejected_look) * CHECK_PERIOD_S > CAUSE_TIMEOUT_S:
+                if (self._checks - self._rejected_check) * CHECK_PERIOD_S > CAUSE_TIMEOUT_S:
                     self.raise_alarm(f'the controller refused STOP ({self._rejection})')
             elif not self._acknowledged and waited >= ANSWER_TIMEOUT_S:
                 self.raise_alarm(f'no reply to STOP within {ANSWER_TIMEOUT_S:g} s')
@@ -347,7 +351,7 @@ class Stopper:
             _log.error('arm still moving after STOP: motors switched off')
 
     def _powered(self) -> bool:
-        """Return whether the motors may be on, that is, STATUS does not report them off."""
+        """Return False if STATUS reports that the motors are off, else True."""
         status = self._robot.status
         return status is None or status.drives_powered != TriState.FALSE
 

@@ -273,7 +273,7 @@ async def test_inv3_status_query_at_the_remote_port_is_preempted_by_motors_off()
         yield ask
 
     motors = SerializedMotors(RemoteEthernetMotors('127.0.0.1', 5000, login=login))
-    query = asyncio.create_task(motors.tell(60.0))
+    query = asyncio.create_task(motors.status(60.0))
     await queried.wait()
     await motors.act(Action.MOTORS_OFF, 2.0)
     assert sent == [Action.MOTORS_OFF.value.remote_ethernet]
