@@ -121,9 +121,15 @@ Function TakeRequest
   If well Then well = (UnpackLong(ByRef m_frame(), 4) = COMM_SERVICE_REQUEST)
   width = 0
   Select kind
-    Case MSG_IO_READ, MSG_IO_RESET, MSG_IO_STREAM_UNSUB
+    Case MSG_IO_READ
       width = 8
-    Case MSG_IO_WRITE, MSG_IO_STREAM_SUB
+    Case MSG_IO_RESET
+      width = 8
+    Case MSG_IO_STREAM_UNSUB
+      width = 8
+    Case MSG_IO_WRITE
+      width = 12
+    Case MSG_IO_STREAM_SUB
       width = 12
   Send
   If well And kind = MSG_IO_INFO And m_length = 16 Then

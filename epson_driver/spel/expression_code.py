@@ -560,8 +560,8 @@ class Expressions:
                 if isinstance(argument.value, Apply):
                     name_of = argument.value.name
                     text = f'ByRef {name_of}(…): the manual has variables and whole arrays only '
-                    text += f'(p184): hand over {name_of}() and the index'
-                    self.notes.append(Problem(argument.value.at, 'type', text, warning=True))
+                    text += f'(p184): pass {name_of}() and the index'
+                    self.notes.append(Problem(argument.value.at, 'portable', text, warning=True))
                 code, kind = self.reference(argument.value)
             elif parameter.by_reference:
                 kind = parameter.type

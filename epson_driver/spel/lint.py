@@ -25,7 +25,14 @@ from epson_driver.spel.commands import (
 )
 from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.functions import FUNCTIONS
-from epson_driver.spel.lint_rules import leaves, literals, shared, unreachable, unused
+from epson_driver.spel.lint_rules import (
+    leaves,
+    literals,
+    shared,
+    unproven,
+    unreachable,
+    unused,
+)
 from epson_driver.spel.project import build_with, reserved_names
 from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
 from epson_driver.spel.scope import ONE_WHEN_ON, constant
@@ -111,6 +118,7 @@ RULES = {
     'unused': 'an unused function or variable',
     'two-owners': 'two tasks that move the robot, set a timer, or switch an output',
     'hex': 'a number above &H7FFFFFFF: its sign is not documented',
+    'portable': 'a form that is neither in the manual nor in known programs: `Case 1, 2`',
 }
 """Rule name → what the rule finds."""
 
@@ -227,6 +235,7 @@ class _Lint:
             self._numbers,
             lambda: literals(program, list(self.functions.values())),
             lambda: unreachable(self.functions),
+            lambda: unproven(self.functions),
             self._use,
         ]
         self._shared = {

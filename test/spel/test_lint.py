@@ -76,6 +76,7 @@ BAD = [
     ('unreachable', 4, main('  Exit Function\n  Print 1')),
     ('unreachable', 6, main('  Do While True\n    Wait 1\n  Loop\n  Print 1')),
     ('unreachable', 6, main('  Select MemSw(1)\n  Case 1\n    Print 1\n  Case 1\n  Send')),
+    ('portable', 4, main('  Select MemSw(1)\n  Case 1, 2\n    Print 1\n  Send')),
     ('unused', 3, main('  Integer i')),
     ('unused', 5, main('  Print 1') + 'Function nobody\nFend\n'),
     ('unused', 1, 'Integer m\n' + main('  Print 1')),
@@ -94,7 +95,7 @@ BAD = [
     ('not-simulated', 3, main('  Curve "a", O, 0, 4, P1, P2, On 2, P(3:7)')),  # p268
     ('not-simulated', 3, main('  CVMove "a" CP Till Sw(1) = On !D10; On 1; Wait 0.1; Off 1!')),
     ('type', 3, main('  Print 1 + "a"')),
-    ('type', 4, main('  Long n(3)\n  f(ByRef n(1))') + 'Function f(ByRef n As Long)\nFend\n'),
+    ('portable', 4, main('  Long n(3)\n  f(ByRef n(1))') + 'Function f(ByRef n As Long)\nFend\n'),
     ('arguments', 3, main('  Print Sin(1, 2)')),
     ('declaration', 3, main('  Integer a, a')),
     ('array-size', 3, main('  Integer a(5000)')),
