@@ -59,7 +59,7 @@ def spel_words() -> Iterator[str]:
     for kind, table in (('statements', COMMANDS), ('functions', FUNCTIONS)):
         names = sorted((rule.name for rule in table.values()), key=str.lower)
         yield item(f'{len(names)} {kind}: {", ".join(f"`{name}`" for name in names)}')
-    yield item(f'{len(CONSTANTS)} constants: all of appendix D')
+    yield item(f'{len(CONSTANTS)} constants: all of appendix D, and those of the force option')
 
 
 def spel_rules() -> Iterator[str]:

@@ -4,7 +4,8 @@
 
 A form is a list of argument kinds separated by commas: `n` a number, `#` a number after #, `s` a
 string, `x` a number or a string, `p` a point, `q` the number of a point (P1, its label), `v` a
-variable, `a` a whole array, `w(A|B)` one of these words. `?` after a kind marks an optional
+variable, `a` a whole array, `w(A|B)` one of these words (or 1 for A, 0 for B, as in `Power n`).
+`?` after a kind marks an optional
 argument, `*` any number of arguments, and - no argument. A form that starts with @ is read by the
 parser's method with that name. Task types and versions come from words.py.
 """
@@ -61,6 +62,12 @@ class CommandRule:
     forbidden: frozenset[TaskType]
     since: int
     robot: bool
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words of a switch such as Motor, which a number can replace: not 0 is the first."""
+        first = re.match(r'w\((\w+)\|(\w+)\)', self.form)
+        return () if first is None else tuple(first.group(1, 2))
 
     @property
     def needs_arguments(self) -> bool:

@@ -739,5 +739,5 @@ def _form_kind(form: str, number: int) -> str:
     """Return the kind of an argument in a form of commands.py, such as 'n' or 's'."""
     if form.startswith('@'):
         return 'n'
-    kinds = [kind for kind in form.split(',') if not kind.startswith('w(')]
+    kinds = [kind for kind in form.split(',') if not kind.startswith('w(')] or ['n']
     return kinds[min(number, len(kinds) - 1)][0]

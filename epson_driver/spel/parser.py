@@ -184,7 +184,7 @@ class Parser(Statements):
         parameters: tuple[Parameter, ...] = ()
         if reader.takes('('):
             parameters = _parameters(reader)
-        result = ''
+        result = 'string' if name.text.endswith('$') else ''
         if reader.takes('as'):
             result = _type(reader)
         reader.end()
@@ -604,10 +604,14 @@ def _declare(reader: Reader) -> Declare:
         if token.kind != STRING:
             raise SyntaxProblem(token.position, 'Declare needs the name of a DLL in quotes')
         texts.append(str(token.value))
-        if not reader.takes(','):
+        if not reader.takes(',') or reader.sees('(', 'as'):
             break
     parameters = _parameters(reader) if reader.takes('(') else ()
     result = _type(reader) if reader.takes('as') else 'long'
+    if result == 'string':
+        raise SyntaxProblem(
+            at, 'a function of a DLL cannot return a String: pass one ByRef', 'type'
+        )
     reader.end()
     alias = texts[1] if len(texts) > 1 else name.text
     return Declare(name.text, texts[0], alias, parameters, result, at)

@@ -94,6 +94,8 @@ class Statements:
                     words.append(reader.step().lower)
                     if bracket:
                         reader.need(')')
+                elif not optional and not reader.at_end():
+                    arguments.append(reader.expression())
                 elif not optional:
                     raise reader.wrong(' or '.join(choice[1].split('|')))
                 continue

@@ -596,6 +596,9 @@ class Task:
     ) -> None:
         """Execute a robot statement on the host."""
         self.may(name, words)
+        if arguments and (choices := COMMANDS[name].choices):
+            words = (choices[not arguments[0]].lower(), *words)
+            arguments = ()
         try:
             completion = self.world.host.command(name, arguments, words)
         except SpelError as error:

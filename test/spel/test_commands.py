@@ -297,7 +297,7 @@ STATEMENTS_AT_WORK = {
     'fmtstr': ('String s$\nFmtStr 1.5, "00.00", s$\nPrint s$', ['01.50']),
     'where': ('Where', ['0']),
     'joint': ('Joint', ['0']),
-    'motor': ('Motor On\nPrint Motor', ['1']),
+    'motor': ('Motor On\nPrint Motor\nMotor Sw(0)\nPrint Motor', ['1', '0']),
     'power': ('Power High\nPrint Power\nPower Low, Forced\nPrint Power', ['1', '0']),
     'speed': ('Speed 50, 30, 30\nPrint Speed', ['50']),
     'accel': ('Accel 40, 50\nPrint Accel(1)', ['40']),

@@ -302,6 +302,7 @@ FAULTS = [
     ('Function main\n  Wait Sw(1) = 1, \nFend', 'expected a value'),
     ('Declare f, "a.dll"\nFunction main\n  Print f(1)\nFend', 'f takes 0 arguments, not 1'),
     ('Declare f\nFunction main\nFend', 'expected a comma'),
+    ('Declare f, "a.dll", "f", As String\nFunction main\nFend', 'cannot return a String'),
     ('Declare f, a\nFunction main\nFend', 'needs the name of a DLL in quotes'),
     ('Function f(n As Long)\n  Trap 1, Sw(1) = On Call f\nFend', 'Trap takes no parameters'),
     ('Function main\n  Xqt missing, NoPause\nFend', 'there is no function missing'),
@@ -313,7 +314,7 @@ FAULTS = [
     ('Function main\n  Print (1 + \nFend', 'expected a value, found end of the line'),
     ('Function main\n  Print (1\nFend', 'expected ), found end of the line'),
     ('Function main\n  Speed ,\nFend', 'expected a value'),
-    ('Function main\n  Motor Up\nFend', 'expected On or Off, found Up'),
+    ('Function main\n  Motor Up\nFend', 'unknown variable, constant or function Up'),
     ('Function main\n  SetNet #201, "a", 1, CR, NONE, 0, UDP\nFend', 'SetNet with UDP'),
     ('Function main\n  SetNet #201, "a", 1, CR, NONE, 0, 5\nFend', 'expected TCP, found 5'),
     ('Function main\n  If 1 Then Loop\nFend', 'main.prg:2:13: error: Loop is not allowed in this'),
@@ -362,6 +363,29 @@ def test_dll_functions_are_called_in_the_host() -> None:
     assert first[:2] == ('numbers.dll', 'Convert')
     assert first[2][0] == 3
     assert second == ('numbers.dll', 'quiet', [])
+
+
+def test_declare_has_the_forms_of_the_manual() -> None:
+    """With and without a comma before the arguments and the type (p278-280)."""
+    source = """
+    #define MYSTUFF "mystuff.dll"
+    Declare ReturnLong, "mystuff.dll", "ReturnLong", As Long
+    Declare MyDLLTest, "mystuff.dll", "#1" As Long
+    Declare MyDLLCall, MYSTUFF, "MyTestFunc", (var1 As Integer, ByRef a() As Long) As Integer
+    Function main
+      Long a(2)
+      Print ReturnLong, MyDLLTest, MyDLLCall(1, ByRef a())
+    Fend
+    """
+    host = run(source)
+    assert host.failures == []
+    assert [call[1] for call in host.library] == ['ReturnLong', '#1', 'MyTestFunc']
+
+
+def test_function_named_with_dollar_is_a_string() -> None:
+    """Programs in production omit As there, which p347 asks for."""
+    source = 'Function n$(i As Integer)\n  n$ = "a" + Str$(i)\nFend\n'
+    assert run(source + 'Function main\n  Print n$(5) + "b"\nFend').text == 'a5b\n'
 
 
 def test_all_errors_are_reported_together_without_duplicates() -> None:
