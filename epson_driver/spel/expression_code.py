@@ -494,6 +494,8 @@ class Expressions:
         result = codes[0].kind if rule.result == '=' else rule.result
         if rule.name == 'Str$' and codes[0].kind == SINGLE:
             passed += f', {REAL_DIGITS}'
+        if rule.by == 'value' and rule.arguments == 'i,i' and self._is_uint32(arguments[0].value):
+            passed += ', True'
         if rule.by == 'value':
             text = f'f_{name}({passed})'
         elif rule.by == 'call':
@@ -503,6 +505,12 @@ class Expressions:
         else:
             text = f'v[0].value({key!r}, ({passed}{"," if passed else ""}))'
         return Code(text, result)
+
+    def _is_uint32(self, expression: Expression) -> bool:
+        if not isinstance(expression, Name | Apply):
+            return False
+        variable = self.scope.variable(expression.name)
+        return variable is not None and variable.type == 'uint32'
 
     def _argument(self, argument: Argument, kind: str) -> Code:
         value = argument.value

@@ -43,7 +43,7 @@ value n i: Int Fix Sgn
 value n f: Sqr Sin Cos Tan Asin Acos Atan
 value n,n f: Atan2
 value n n: DegToRad RadToDeg
-value i,i i: LShift RShift LShift64 RShift64 BSet BClr BTst BSet64 BClr64 BTst64
+value i,i i: LShift RShift BSet BClr BTst
 value s i: Len Asc
 value i s: Chr$ Space$ Tab$ Hex$
 value s,i s: Left$ Right$ LSet$ RSet$

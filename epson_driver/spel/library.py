@@ -62,24 +62,20 @@ def remainder(left: int, right: int) -> int:
     return -rest if left < 0 else rest
 
 
-def _signed(value: int, bits: int) -> int:
-    value &= (1 << bits) - 1
-    return value - (1 << bits) if value >> (bits - 1) else value
+_LARGEST_LONG, _LARGEST_UINT32 = 0x7FFF_FFFF, 0xFFFF_FFFF
 
 
-def _shift(bits: int, left: bool) -> Callable[[int, int], int]:
-    def shift(value: int, count: int) -> int:
-        value = _signed(value, bits)
-        return _signed(value << count, bits) if left else value >> count
+def _on_bits(change: Callable[[int, int], int]) -> Callable[..., int]:
+    """Return a function that changes the 32 bits of a number, and returns a Long or a UInt32."""
 
-    return shift
+    def changed(value: int, number: int, unsigned: bool = False) -> int:
+        if not ~_LARGEST_LONG <= value <= _LARGEST_UINT32:
+            raise overflow('Long', value)
+        bits = change(value & _LARGEST_UINT32, number) & _LARGEST_UINT32
+        negative = bits > _LARGEST_LONG and not unsigned and value <= _LARGEST_LONG
+        return bits - _LARGEST_UINT32 - 1 if negative else bits
 
-
-def _bit(change: Callable[[int, int], int], bits: int) -> Callable[[int, int], int]:
-    def bit(value: int, number: int) -> int:
-        return _signed(change(_signed(value, bits), number), bits)
-
-    return bit
+    return changed
 
 
 def _floor(value: float) -> int:
@@ -227,16 +223,11 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'atan2': lambda x, y: math.atan2(y, x),
     'degtorad': math.radians,
     'radtodeg': math.degrees,
-    'lshift': _shift(32, True),
-    'rshift': _shift(32, False),
-    'lshift64': _shift(64, True),
-    'rshift64': _shift(64, False),
-    'bset': _bit(lambda value, bit: value | 1 << bit, 32),
-    'bclr': _bit(lambda value, bit: value & ~(1 << bit), 32),
-    'btst': _bit(lambda value, bit: value >> bit & 1, 32),
-    'bset64': _bit(lambda value, bit: value | 1 << bit, 64),
-    'bclr64': _bit(lambda value, bit: value & ~(1 << bit), 64),
-    'btst64': _bit(lambda value, bit: value >> bit & 1, 64),
+    'lshift': _on_bits(lambda value, count: value << count),
+    'rshift': _on_bits(lambda value, count: value >> count),
+    'bset': _on_bits(lambda value, bit: value | 1 << bit),
+    'bclr': _on_bits(lambda value, bit: value & ~(1 << bit)),
+    'btst': _on_bits(lambda value, bit: value >> bit & 1),
     'len': len,
     'asc': _code,
     'chr$': chr,

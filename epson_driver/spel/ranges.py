@@ -64,7 +64,6 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('sqr', ((0, inf),)),
         ('asin acos', ((-1, 1),)),
         ('lshift rshift bset bclr btst', (None, (0, 31))),
-        ('lshift64 rshift64 bset64 bclr64 btst64', (None, (0, 63))),
         ('chr$', ((1, 255),)),
         ('space$ tab$', (_CHARACTERS,)),
         ('left$ right$ lset$ rset$', (None, _CHARACTERS)),

@@ -55,7 +55,7 @@ def constant(expression: Expression, constants: Mapping[str, int | str]) -> int 
     return None
 
 
-ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'btst64', 'motor', 'power', 'cp'})
+ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'motor', 'power', 'cp'})
 """Functions that return 1 instead of True."""
 
 
