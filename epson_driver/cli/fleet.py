@@ -29,7 +29,7 @@ from std_msgs.msg import String
 
 from epson_driver.cli.arguments import argument, help_texts
 from epson_driver.inputs import count, number, printable
-from epson_driver.node.ros_process import sampled, take_all, udp_by_default
+from epson_driver.node.ros_process import polled_subscription, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
 from epson_driver.processes.processes import Process, RunError
 
@@ -81,7 +81,9 @@ class Fleet:
             topic = f'/{name}/epson_driver/link_state'
             self._node.create_subscription(String, topic, received, latched)
             topic = f'/{name}/joint_states'
-            self._states[name] = sampled(self._counter, JointState, topic, QUEUE, raw=True)
+            self._states[name] = polled_subscription(
+                self._counter, JointState, topic, QUEUE, raw=True
+            )
 
     def rows(self) -> list[Row]:
         """Measure for WINDOW_S, and return a row for each robot."""

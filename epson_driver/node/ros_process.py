@@ -92,7 +92,9 @@ class RosThread:
                 self._on_error('ROS executor thread ended', end)
 
 
-def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False) -> Any:
+def polled_subscription(
+    node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False
+) -> Any:
     """Return a subscription whose messages are read by `take`, and not by an executor.
 
     An executor would rebuild its wait set for each of hundreds of messages a second.
@@ -103,14 +105,14 @@ def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bo
 def take(subscription: Any) -> Any:
     """Return the next message of a polled subscription, or None."""
     with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else taken[0]
+        result = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if result is None else result[0]
 
 
-def take_all(subscription: Any, most: int) -> list[Any]:
-    """Return pending messages of a polled subscription, at most `most`. Others stay pending."""
+def take_all(subscription: Any, maximum: int) -> list[Any]:
+    """Return pending messages of a polled subscription, at most `maximum`. Others stay pending."""
     messages: list[Any] = []
-    while len(messages) < most and (message := take(subscription)) is not None:
+    while len(messages) < maximum and (message := take(subscription)) is not None:
         messages.append(message)
     return messages
 
@@ -157,7 +159,7 @@ class RosTimeStamps:
         self._last = 0
         self._message = TimeMessage()
 
-    def stamp(self, moment: float) -> TimeMessage:
+    def stamp(self, time: float) -> TimeMessage:
         """Return a monotonic time, s, as builtin_interfaces/Time, valid until the next call."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
@@ -168,7 +170,7 @@ class RosTimeStamps:
         elif after - before < MAX_READING_NS * 1e-9:
             drift = ahead - self._ahead
             self._ahead += drift if abs(drift) > MIN_JUMP_NS else drift // DRIFT_FILTER_DIVISOR
-        stamp = max(_nanoseconds(moment) + self._ahead, 0)
+        stamp = max(_nanoseconds(time) + self._ahead, 0)
         if stamp < self._last + MIN_SPACING_NS and stamp > self._last - MIN_STEP_BACK_NS:
             stamp = self._last + MIN_SPACING_NS
         self._last = stamp
@@ -201,25 +203,27 @@ participants."""
 
 @contextmanager
 def udp_by_default() -> Iterator[None]:
-    """Use UDP for the context and the first node created in the block.
+    """Use UDP instead of shared memory for the context and the first node created in the block.
 
     Fast DDS' shared memory fails silently when /dev/shm is emptied, and between users. Nodes still
     discover each other, but no message arrives, including calls of `~/stop`.
 
     User-defined Fast DDS profiles and transports take precedence. Other middlewares are
-    unaffected. Raises OSError if the disk is full, ValueError for a peer without an address.
+    unaffected. Raises OSError if the disk is full, ValueError if the name of a static peer cannot
+    be resolved.
     """
     before = dict(os.environ)
-    own = any(map(before.get, PROFILES)) or Path('DEFAULT_FASTRTPS_PROFILES.xml').exists()
+    user_defined = any(map(before.get, PROFILES)) or Path('DEFAULT_FASTRTPS_PROFILES.xml').exists()
     shared = (before.get(TRANSPORTS) or 'UDPv4') != 'UDPv4'
-    if own or shared or not get_rmw_implementation_identifier().startswith('rmw_fastrtps'):
+    fast_dds = get_rmw_implementation_identifier().startswith('rmw_fastrtps')
+    if user_defined or shared or not fast_dds:
         yield
         return
     with NamedTemporaryFile('w', suffix='.xml') as file:
         changes = {TRANSPORTS: 'UDPv4'}
-        alone = before.get('ROS_LOCALHOST_ONLY') == '1'
-        if alone or before.get(RANGE, '') not in _RANGES:
-            names = '' if alone else before.get('ROS_STATIC_PEERS', '')
+        localhost_only = before.get('ROS_LOCALHOST_ONLY') == '1'
+        if localhost_only or before.get(RANGE, '') not in _RANGES:
+            names = '' if localhost_only else before.get('ROS_STATIC_PEERS', '')
             peers = ''.join(map(_peer, filter(None, ('127.0.0.1', *names.split(';')))))
             file.write(_LOCALHOST.format(peers))
             file.flush()

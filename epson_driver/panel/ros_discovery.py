@@ -17,7 +17,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from epson_driver.node.ros_process import RosThread, level, sampled, take_all, udp_by_default
+from epson_driver.node.ros_process import (
+    RosThread,
+    level,
+    polled_subscription,
+    take_all,
+    udp_by_default,
+)
 from epson_driver.panel.robot_state import MAX_EVENTS, Event
 from epson_driver.panel.ros_robot import RosRobot
 
@@ -65,8 +71,10 @@ class RosDiscovery:
             )
             self._node = self._new_node(NAME)
         self._sampled = self._new_node(f'{NAME}_topics')
-        self._diagnostics = sampled(self._sampled, DiagnosticArray, '/diagnostics', MANY)
-        self._log = sampled(self._sampled, Log, '/rosout', LOG)
+        self._diagnostics = polled_subscription(
+            self._sampled, DiagnosticArray, '/diagnostics', MANY
+        )
+        self._log = polled_subscription(self._sampled, Log, '/rosout', LOG)
         self._thread = RosThread(on_error, self._context)
         self._thread.executor.add_node(self._node)
         self._thread.start()

@@ -35,7 +35,7 @@ from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, Trajectory
 from epson_driver.node.joint_reader import MAX_POSITION, JointReader
-from epson_driver.node.ros_process import sampled as subscribed
+from epson_driver.node.ros_process import polled_subscription as subscribed
 from epson_driver.node.ros_process import take
 from epson_driver.node.trajectory_messages import duration_in_s, trajectory_message
 from epson_driver.panel.driver_points import DriverPoints
