@@ -55,12 +55,12 @@ def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_
         with udp_by_default():
             # The event loop handles the signals, so results can still be published after Ctrl-C.
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-            made = _make_nodes(namespaces, nodes, name)
+            created = _make_nodes(namespaces, nodes, name)
     except (OSError, RuntimeError, ValueError) as error:  # from rcl (ValueError: invalid text)
         print(f'{name}: {printable(error)}', file=sys.stderr)
         return 1
     try:
-        if not made:
+        if not created:
             return 1
         handler = RosLogHandler(nodes[0].get_logger())
         logging.basicConfig(level=logging.INFO, handlers=[handler], format='%(message)s')
@@ -79,10 +79,10 @@ class Failures:
         self._reported: list[BaseException] = []
         self.happened = asyncio.Event()
 
-    def tell(self, what: str, error: BaseException) -> None:
+    def report(self, what: str, error: BaseException) -> None:
         """Log a failure, if it is new, and end the process."""
         self.happened.set()
-        if not any(error is report for report in self._reported):
+        if not any(error is known for known in self._reported):
             self._reported.append(error)
             _log.critical('%s: stopping all arms and the driver', what, exc_info=error)
 
@@ -92,14 +92,14 @@ class Failures:
         if error is None:
             _log.error('%s', context['message'])
         else:
-            self.tell(context['message'], error)
+            self.report(context['message'], error)
 
     def in_thread(self, what: str, error: BaseException) -> None:
         """Report a failure in another thread, even if the loop has ended."""
         try:
-            self._loop.call_soon_threadsafe(self.tell, what, error)
+            self._loop.call_soon_threadsafe(self.report, what, error)
         except RuntimeError:  # the loop is closed
-            self.tell(what, error)
+            self.report(what, error)
 
     def on_thread_end(self, arguments: Any) -> None:
         """Report the exception that ended a thread. This is the threading.excepthook."""
@@ -149,7 +149,7 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
                 loop.run_until_complete(driving)
             except BaseException as error:  # noqa: BLE001 - it is reported
                 # asyncio re-raises the SystemExit of a callback or a task immediately
-                failures.tell('the event loop ended', error)
+                failures.report('the event loop ended', error)
     ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()
@@ -187,31 +187,31 @@ async def _drive(
     gc.freeze()  # these objects are never freed: scanning them would stall the loop for 15 ms
     ros.start()
     running = [asyncio.create_task(client.run()) for client in clients]
-    ends = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
-    await asyncio.wait([*running, *ends], return_when=asyncio.FIRST_COMPLETED)
-    _tell_ends(running, failures)
+    endings = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
+    await asyncio.wait([*running, *endings], return_when=asyncio.FIRST_COMPLETED)
+    _report_ended(running, failures)
     # In parallel. After a TimeoutError results may be unpublished, but the arm has stopped.
     stopping = [client.shut_down() for client in clients]
     for outcome in await asyncio.gather(*stopping, return_exceptions=True):
         if isinstance(outcome, BaseException) and not isinstance(outcome, TimeoutError):
-            failures.tell('stopping an arm failed', outcome)
-    _tell_ends(running, failures)
-    for task in (*running, *ends):
+            failures.report('stopping an arm failed', outcome)
+    _report_ended(running, failures)
+    for task in (*running, *endings):
         task.cancel()
     for outcome in await asyncio.gather(*running, return_exceptions=True):
         if isinstance(outcome, Exception):
-            failures.tell('a driver failed', outcome)
-    await asyncio.gather(*ends, return_exceptions=True)
+            failures.report('a driver failed', outcome)
+    await asyncio.gather(*endings, return_exceptions=True)
     return 0
 
 
-def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
+def _report_ended(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
     """Report each client that has ended although nothing has requested it."""
     for task in running:
         if task.cancelled():
-            failures.tell('a driver was cancelled', asyncio.CancelledError())
+            failures.report('a driver was cancelled', asyncio.CancelledError())
         elif task.done():
             error = task.exception()
-            failures.tell(
+            failures.report(
                 'a driver ended', error or RuntimeError('(internal) unexpected task exit')
             )

@@ -32,7 +32,7 @@ LEVELS = {
 """Diagnostic level by the cause that inhibits motion. Other causes have the level WARN."""
 
 PERIOD_S = 1.0
-LOOKS = 10
+CHECKS_PER_PERIOD = 10
 """Number of checks per period for a changed cause that inhibits motion."""
 
 
@@ -56,8 +56,8 @@ class Diagnostics:
         while True:
             cause = self._cause()
             publish(self.build(stamp(), _now()))
-            for _ in range(LOOKS):
-                await asyncio.sleep(PERIOD_S / LOOKS)
+            for _ in range(CHECKS_PER_PERIOD):
+                await asyncio.sleep(PERIOD_S / CHECKS_PER_PERIOD)
                 if self._cause() is not cause:
                     break
 
@@ -98,27 +98,27 @@ class Diagnostics:
         yield status
 
     def _link_values(self, link: Link, now: float) -> Iterator[tuple[str, object]]:
-        counted = link.statistics
-        before, frames = self._before.get(link.name, (now, counted.frames_received))
-        self._before[link.name] = (now, counted.frames_received)
+        statistics = link.statistics
+        before, frames = self._before.get(link.name, (now, statistics.frames_received))
+        self._before[link.name] = (now, statistics.frames_received)
         yield 'state', link.state.value
-        if counted.connected_since is not None:
-            yield 'uptime [s]', f'{now - counted.connected_since:.1f}'
-        yield 'connections', counted.connections
-        yield 'reconnects', max(counted.connections - 1, 0)
-        yield 'frames received', counted.frames_received
-        yield 'frames sent', counted.frames_sent
-        yield 'bytes received', counted.bytes_received
-        yield 'bytes sent', counted.bytes_sent
+        if statistics.connected_since is not None:
+            yield 'uptime [s]', f'{now - statistics.connected_since:.1f}'
+        yield 'connections', statistics.connections
+        yield 'reconnects', max(statistics.connections - 1, 0)
+        yield 'frames received', statistics.frames_received
+        yield 'frames sent', statistics.frames_sent
+        yield 'bytes received', statistics.bytes_received
+        yield 'bytes sent', statistics.bytes_sent
         if now > before:
-            rate = (counted.frames_received - frames) / (now - before)
+            rate = (statistics.frames_received - frames) / (now - before)
             yield 'frame rate [Hz]', f'{rate:.1f}'
-        yield 'bad frames', sum(counted.bad_frames.values())
-        for field, count in counted.bad_frames.items():
+        yield 'bad frames', sum(statistics.bad_frames.values())
+        for field, count in statistics.bad_frames.items():
             yield f'bad frames: {field}', count
-        yield 'replies nobody waited for', counted.unsolicited_replies
-        if counted.reply_latencies:
-            latencies = sorted(counted.reply_latencies)  # the import of numpy's median takes 14 ms
+        yield 'replies nobody waited for', statistics.unsolicited_replies
+        if statistics.reply_latencies:
+            latencies = sorted(statistics.reply_latencies)  # importing numpy's median takes 14 ms
             yield 'reply latency median [ms]', _milliseconds(latencies, 0.5)
             yield 'reply latency p99 [ms]', _milliseconds(latencies, 0.99)
 

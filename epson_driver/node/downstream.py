@@ -47,7 +47,7 @@ class Downstream:
         )
 
     @property
-    def there(self) -> bool:
+    def available(self) -> bool:
         """Whether the action server is available."""
         return bool(self._client.server_is_ready())
 
@@ -68,26 +68,26 @@ class Downstream:
         Raises GoalRejectedError if it is rejected, or unanswered after `timeout` s. A goal
         accepted after the timeout is canceled.
         """
-        if not self.there:
+        if not self.available:
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL, f'no server for the action {self.name}: start its driver'
             )
-        answer = self._loop.create_task(
-            self.asked(
+        reply = self._loop.create_task(
+            self.request_result(
                 lambda: self._client.send_goal_async(
                     goal, lambda message: on_feedback(message.feedback)
                 )
             )
         )
-        done, _ = await asyncio.wait({answer}, timeout=timeout)
+        done, _ = await asyncio.wait({reply}, timeout=timeout)
         if not done:
-            answer.add_done_callback(self._cancel_late)
+            reply.add_done_callback(self._cancel_late)
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'{self.name} did not reply within {timeout:g} s. A later acceptance '
                 'will be canceled',
             )
-        handle = answer.result()
+        handle = reply.result()
         if not handle.accepted:
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
@@ -95,31 +95,31 @@ class Downstream:
             )
         return Sent(self, handle)
 
-    async def asked(self, request: Callable[[], Any]) -> Any:
+    async def request_result(self, request: Callable[[], Any]) -> Any:
         """Call `request` in the executor's thread and return the result of its rclpy future."""
         done: asyncio.Future[Any] = self._loop.create_future()
 
-        def give(future: Any) -> None:
-            self._loop.call_soon_threadsafe(_settle, done, future)
+        def on_done(future: Any) -> None:
+            self._loop.call_soon_threadsafe(_copy_result, done, future)
 
         def start() -> None:
             try:
-                request().add_done_callback(give)
+                request().add_done_callback(on_done)
             except Exception as error:  # noqa: BLE001 - it is raised in the caller
                 self._loop.call_soon_threadsafe(_fail, done, error)
 
         self._node.executor.create_task(start)
         return await done
 
-    def _cancel_late(self, answer: 'asyncio.Task[Any]') -> None:
+    def _cancel_late(self, reply: 'asyncio.Task[Any]') -> None:
         """Cancel a goal that was accepted after the timeout."""
-        if answer.cancelled():
+        if reply.cancelled():
             return
-        if (error := answer.exception()) is not None:
+        if (error := reply.exception()) is not None:
             report_error('sending a goal failed', error)
-        elif answer.result().accepted:
+        elif reply.result().accepted:
             _log.error('%s accepted a goal too late, so it is canceled', self.name)
-            self._loop.create_task(self.asked(answer.result().cancel_goal_async))
+            self._loop.create_task(self.request_result(reply.result().cancel_goal_async))
 
 
 class Sent:
@@ -134,13 +134,13 @@ class Sent:
         self.result = asyncio.create_task(self._result())
 
     async def _result(self) -> Outcome:
-        answer = await self._downstream.asked(self._handle.get_result_async)
-        code, text = answer.result.error_code, answer.result.error_string
-        ended = End.SUCCEEDED if answer.status == GoalStatus.STATUS_SUCCEEDED else End.ABORTED
+        reply = await self._downstream.request_result(self._handle.get_result_async)
+        code, text = reply.result.error_code, reply.result.error_string
+        ended = End.SUCCEEDED if reply.status == GoalStatus.STATUS_SUCCEEDED else End.ABORTED
         if code not in map(int, ErrorCode):
             text, code = f'{text} (error code {code})', ErrorCode.INVALID_GOAL
         if ended is End.ABORTED:
-            how = 'canceled' if answer.status == GoalStatus.STATUS_CANCELED else 'ended'
+            how = 'canceled' if reply.status == GoalStatus.STATUS_CANCELED else 'ended'
             text = f'{self._downstream.name} {how} the goal: {text or "without a reason"}'
         return Outcome(ended, ErrorCode(code), text)
 
@@ -148,7 +148,7 @@ class Sent:
         """Cancel the goal and return whether it ended within `timeout` s."""
         try:
             async with asyncio.timeout(timeout):
-                await self._downstream.asked(self._handle.cancel_goal_async)
+                await self._downstream.request_result(self._handle.cancel_goal_async)
                 await asyncio.shield(self.result)
         except TimeoutError:
             return False
@@ -175,9 +175,9 @@ class ArmState:
             )
 
     def _on_own(self, message: JointTrajectoryControllerState) -> None:
-        now, at = self._loop.time(), message.feedback
+        now, feedback = self._loop.time(), message.feedback
         stamp = message.header.stamp
-        self._own.take(message.joint_names, at.positions, at.velocities, stamp, now)
+        self._own.take(message.joint_names, feedback.positions, feedback.velocities, stamp, now)
 
     def _on_shared(self, message: JointState) -> None:
         now, stamp = self._loop.time(), message.header.stamp
@@ -193,7 +193,7 @@ class ArmState:
         return reader.of(limits.names, limits.velocity, oldest, self._loop.time())
 
 
-def _settle(done: 'asyncio.Future[Any]', future: Any) -> None:
+def _copy_result(done: 'asyncio.Future[Any]', future: Any) -> None:
     if done.done():
         return
     if (error := future.exception()) is not None:

@@ -32,8 +32,8 @@ from epson_driver.node.trajectory_messages import (
 from epson_driver.setup.setup import Setup
 
 MAX_START_OFFSET_S = 1.0
-"""Maximum time from now to the start time of a goal, s, in the past and in the future. A goal with
-another start time is rejected, because the arm would move unexpectedly."""
+"""Maximum time from now to the start time of a goal, s, in the past and in the future. A goal
+outside this range is rejected, because the arm would move unexpectedly."""
 
 UNSUPPORTED = ('multi_dof_trajectory', 'component_path_tolerance', 'component_goal_tolerance')
 """Fields of a goal for joints with several degrees of freedom, which must be empty."""
@@ -64,23 +64,23 @@ class GoalRequests:
             trajectory = untimed(trajectory, self._limits)
         stamp = request.trajectory.header.stamp
         start = start_time(stamp, trajectory.duration, self._clock, self._loop_time)
-        usual = self._setup.goal(trajectory)
+        defaults = self._setup.goal(trajectory)
         path = self._tolerances(request.path_tolerance, 'path_tolerance', 'trajectory')
         goal = self._tolerances(request.goal_tolerance, 'goal_tolerance', 'goal')
         goal_time = duration_in_s(request.goal_time_tolerance)
         return replace(
-            usual,
+            defaults,
             goal_tolerance=goal.position,
-            goal_time=max(goal_time, 0.0) if goal_time != 0.0 else usual.goal_time,
+            goal_time=max(goal_time, 0.0) if goal_time != 0.0 else defaults.goal_time,
             goal_velocity=goal.velocity,
             path_tolerance=path if path.checked else None,
             start=start,
         )
 
-    def _tolerances(self, given: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
+    def _tolerances(self, messages: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
         """Return the tolerances in a field. Defaults: parameters `constraints.<joint>.<kind>`."""
-        usual = self._setup.tolerances(kind).position
-        return tolerances_from_messages(given, field, self._limits.names, usual)
+        defaults = self._setup.tolerances(kind).position
+        return tolerances_from_messages(messages, field, self._limits.names, defaults)
 
 
 def check_unsupported(request: FollowJointTrajectory.Goal) -> None:
@@ -144,7 +144,7 @@ class ActionType:
     * name: for example `~/follow_joint_trajectory`.
     * prepare: checks a request, and returns a function that creates the handle for the queue from
       the callback for the outcome. It runs in the executor, and may raise GoalRejectedError.
-      Canceling the goal ends its planning scope, and thereby a long planning.
+      Canceling the goal ends the planning scope, which interrupts the planning.
     * result: converts an outcome to the action's result.
     * result_timeout: time for which a result is stored for late requests, s.
     """

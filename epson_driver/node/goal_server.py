@@ -13,7 +13,6 @@ from functools import partial
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
-from rclpy.action import ActionServer
 from rclpy.action.server import ServerGoalHandle
 from trajectory_msgs.msg import JointTrajectory
 
@@ -137,11 +136,6 @@ class GoalServer:
             RESULT_TIMEOUT_S,
         )
         self._action = GoalAction(action, self._queue, self._bridge)
-
-    @property
-    def action_server(self) -> ActionServer:
-        """The rclpy action server."""
-        return self._action.server
 
     @property
     def busy(self) -> bool:

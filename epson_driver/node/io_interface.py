@@ -64,7 +64,7 @@ class IoInterface:
     async def _serve(
         self,
         answering: Callable[[], Coroutine[Any, Any, list[IoAnswer]]],
-        asked: Sequence[IoPoint],
+        points: Sequence[IoPoint],
         response: ReadIo.Response | WriteIo.Response,
     ) -> ReadIo.Response | WriteIo.Response:
         try:
@@ -73,14 +73,14 @@ class IoInterface:
             response.success = False
             response.message = str(error)
             response.points = [
-                IoPoint(type=point.type, index=point.index, message=str(error)) for point in asked
+                IoPoint(type=point.type, index=point.index, message=str(error)) for point in points
             ]
             return response
-        wrong = [answer.text for answer in answers if answer.text]
-        response.success = not wrong
-        response.message = wrong[0] if wrong else ''
-        if len(wrong) > 1:
-            response.message += f' (and {len(wrong) - 1} more)'
+        errors = [answer.text for answer in answers if answer.text]
+        response.success = not errors
+        response.message = errors[0] if errors else ''
+        if len(errors) > 1:
+            response.message += f' (and {len(errors) - 1} more)'
         response.points = [
             IoPoint(
                 type=answer.io_type,
@@ -144,7 +144,7 @@ class GripperServer:
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
         """End the wait for the gripper. The gripper itself cannot be stopped."""
         try:
-            self._bridge.to_loop(self._give_up, bytes(ros_handle.goal_id.uuid))
+            self._bridge.to_loop(self._cancel_move, bytes(ros_handle.goal_id.uuid))
         except DriverEndedError:
             return CancelResponse.REJECT
         return CancelResponse.ACCEPT
@@ -155,9 +155,7 @@ class GripperServer:
         state: GripperState | None = None
         try:
             state = await self._bridge.in_loop(lambda: self._move(key, opened))
-        except GripperError as error:
-            self._logger.warning(f'~/gripper_cmd: {error}')
-        except DriverEndedError as error:
+        except (GripperError, DriverEndedError) as error:
             self._logger.warning(f'~/gripper_cmd: {error}')
         except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
             self._bridge.failed('~/gripper_cmd', error)
@@ -192,6 +190,6 @@ class GripperServer:
             raise GripperError('canceled, the outputs stay unchanged')
         return task.result()
 
-    def _give_up(self, key: bytes) -> None:
+    def _cancel_move(self, key: bytes) -> None:
         if key in self._moves:
             self._moves[key].cancel()

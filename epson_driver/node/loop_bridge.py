@@ -42,7 +42,7 @@ answered. 1000 is the depth of rclpy's own parameter services. KEEP_ALL has no b
 does not read its replies could block the thread that sends them, and ~/stop with it."""
 
 TURNS = 4
-"""Number of consecutive executor turns without a request after which none is pending."""
+"""Number of consecutive executor turns without a request after which `all_taken` returns."""
 
 TAKEN_TIMEOUT_S = 0.5
 """Timeout of `LoopBridge.all_taken`, s, because a client may send requests continuously."""
@@ -173,7 +173,7 @@ class LoopBridge:
         return future
 
     def resolve(self, future: Future, value: object) -> None:
-        """Set a future's value, or an exception to raise. Later calls are ignored."""
+        """Set the value of a future, or an exception that `wait_for` raises. Only once."""
         with self._lock:
             if future not in self._futures:
                 return
@@ -224,8 +224,8 @@ class LoopBridge:
         """Resolve all pending futures with DriverEndedError, after the end of the loop."""
         with self._lock:
             self._ended = True
-            left = list(self._futures)
-        for future in left:
+            pending = list(self._futures)
+        for future in pending:
             self.resolve(future, DriverEndedError())
 
 

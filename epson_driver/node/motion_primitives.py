@@ -205,7 +205,7 @@ class ToolBusyError(RuntimeError):
 
 
 class MotionPrimitives:
-    """Serves the action with a driver. Must be created in the driver's event loop."""
+    """Serves the action for motion sequences. Must be created in the driver's event loop."""
 
     def __init__(self, context: NodeContext, goals: GoalServer) -> None:
         self._setup = context.setup
@@ -274,7 +274,7 @@ class MotionPrimitives:
 
     # --- in the loop's thread ---------------------------------------------------------------
 
-    async def standing(self, plan: PlanningScope) -> Array:
+    async def start_positions(self, plan: PlanningScope) -> Array:
         """Return the joint positions from which a motion can be planned, shape (n,).
 
         A stop, or any other event that inhibits motion, cancels `plan`. Raises GoalRejectedError
@@ -290,10 +290,10 @@ class MotionPrimitives:
     async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
         """Plan a sequence from the current position, in a thread.
 
-        The end of the scope interrupts the planning. Raises GoalRejectedError if no motion may
-        start now, or the sequence cannot be executed.
+        Cancelling `plan` interrupts it. Raises GoalRejectedError if no motion may start now, or
+        the sequence cannot be executed.
         """
-        start = await self.standing(plan)
+        start = await self.start_positions(plan)
         try:
             return await plan.in_thread(
                 lambda look: plan_sequence(
@@ -337,9 +337,9 @@ def sequence_statement(
     GoalRejectedError if statements cannot express the sequence.
     """
     texts, trajectory = [], planned.trajectory
-    ends = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)
+    end_indices = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)
     start = 0
-    for index, (primitive, end) in enumerate(zip(primitives, ends.tolist(), strict=True)):
+    for index, (primitive, end) in enumerate(zip(primitives, end_indices.tolist(), strict=True)):
         for field, value in (
             ('blend_radius', primitive.blend_radius),
             ('move_time', primitive.move_time),
@@ -365,8 +365,8 @@ def sequence_statement(
     return text
 
 
-def _fraction(asked: float | None, limits: Array) -> float:
-    return 1.0 if asked is None else min(float(np.min(asked / limits)), 1.0)
+def _fraction(requested: float | None, limits: Array) -> float:
+    return 1.0 if requested is None else min(float(np.min(requested / limits)), 1.0)
 
 
 def _invalid(text: str) -> GoalRejectedError:

@@ -113,7 +113,7 @@ class Namesakes:
         ]
 
     def __call__(self) -> str:
-        """Return the common name and the processes of such nodes as a clause, or '' if alone."""
+        """Return the shared name and the other processes as a clause, or '' if there are none."""
         node = self._node
         name = next((item for item in self._names if node.handle.get_count_services(item) > 1), '')
         own = (node.get_name(), node.get_namespace())

@@ -52,13 +52,13 @@ def declare(node: Node) -> dict[str, Any]:
     if a value is invalid, or rclpy's ParameterException if rclpy checks it.
     """
     values = declare_rows(node, [ROWS['controller']])
-    given = profile_defaults(_loaded('controller', values, load_controller_profile))
+    defaults = profile_defaults(_loaded('controller', values, load_controller_profile))
     values |= declare_rows(node, [ROWS['robot_model']])
     model = _loaded('robot_model', values, load_robot_model)
-    given['joint_names'] = list(model.joint_names)
+    defaults['joint_names'] = list(model.joint_names)
     rows = [row for row in TABLE if row.name not in values]
     values |= declare_rows(
-        node, [replace(row, default=given.get(row.name, row.default)) for row in rows]
+        node, [replace(row, default=defaults.get(row.name, row.default)) for row in rows]
     )
     _loaded('error_texts', values, load_error_texts)
     for joint, unit in zip(values['joint_names'], model.limits.units, strict=False):
@@ -74,11 +74,11 @@ def undeclared(node: Node) -> Iterator[str]:
     array before `declare` can report the error, and its own error does not name the parameter. If
     rclpy's private list is missing, this is reported.
     """
-    given = getattr(node, '_parameter_overrides', None)
-    if given is None:
+    overrides = getattr(node, '_parameter_overrides', None)
+    if overrides is None:
         yield 'this rclpy does not list the given parameters: misspelled ones are ignored'
         return
-    for name in given:
+    for name in overrides:
         if not node.has_parameter(name):
             near = near_name(name, node.get_parameters_by_prefix(''))
             yield f'parameter {name} is ignored: it is unknown' + (

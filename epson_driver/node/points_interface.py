@@ -31,7 +31,7 @@ from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints, taught
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
 SPEED = number(0.01, 1.0, 'of the joint limits')
-USUAL_SPEED, ACCELERATION = 0.2, 0.5
+DEFAULT_SPEED, ACCELERATION = 0.2, 0.5
 
 
 class PointsInterface:
@@ -115,14 +115,12 @@ class PointsInterface:
         return f'point {request.name} saved at the current tool pose, in {self._where()}'
 
     async def _forget(self, request: Service.Request) -> str:
-        if request.name not in self._points:
-            self._points.get(request.name)
         self._points.remove(request.name)
         self._save()
         return f'point {request.name} deleted, in {self._where()} (tf keeps its frame)'
 
     async def _go(self, request: Service.Request) -> str:
-        speed = SPEED.checked(request.speed, 'speed') if request.speed else USUAL_SPEED
+        speed = SPEED.checked(request.speed, 'speed') if request.speed else DEFAULT_SPEED
         point = self._points.get(request.name)
         outcome = await self._bridge.in_loop(partial(self._move, request.name, point, speed))
         if outcome.end is not End.SUCCEEDED:
@@ -172,7 +170,7 @@ class PointsInterface:
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
         """Move to a point, as a goal of the queue. Raises GoalRejectedError if it is rejected."""
         plan = PlanningScope()
-        start = await self._primitives.standing(plan)
+        start = await self._primitives.start_positions(plan)
         arm, statements = self._primitives.kinematics, self._driver.statements
         result = arm.inverse(arm.from_base(point.pose), start)
         if not len(result):

@@ -124,11 +124,11 @@ def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Win
         raise SetpointError(f'more than {MAX_POINTS} points')
     if any(after <= before for before, after in itertools.pairwise(times)):
         raise SetpointError('time_from_start does not increase from point to point')
-    given = message.joint_names
-    positions = [_values('positions', point.positions, given, names) for point in points]
+    joint_names = message.joint_names
+    positions = [_values('positions', point.positions, joint_names, names) for point in points]
     if any(position is None for position in positions):
         raise SetpointError('some of its points have no positions')
-    velocities = [_values('velocities', point.velocities, given, names) for point in points]
+    velocities = [_values('velocities', point.velocities, joint_names, names) for point in points]
     known = all(velocity is not None for velocity in velocities)
     return Window(np.array(times), np.array(positions), np.array(velocities) if known else None)
 
@@ -145,30 +145,30 @@ def _setpoint(
 
 
 def _values(
-    field: str, values: Sequence[float], given: Sequence[str], names: Sequence[str]
+    field: str, values: Sequence[float], joint_names: Sequence[str], names: Sequence[str]
 ) -> Array | None:
     """Return values in the order of `names`, or None if there are none.
 
-    `given`: the joint names of the message. Raises SetpointError if these or the number of values
-    is wrong.
+    Raises SetpointError if `joint_names`, the names in the message, or the number of values is
+    wrong.
     """
-    _check_names(given, names, complete=True)
+    _check_names(joint_names, names, complete=True)
     if not len(values):
         return None
     if len(values) != len(names):
         raise SetpointError(f'{len(values)} values in {field} for {len(names)} joints')
-    order: Any = list(given)
+    order: Any = list(joint_names)
     return np.array(values, dtype=float)[[order.index(name) for name in names]]
 
 
-def _check_names(given: Sequence[str], names: Sequence[str], *, complete: bool) -> None:
-    """Raise SetpointError for unknown, repeated or missing joints."""
-    for name in given:
+def _check_names(joint_names: Sequence[str], names: Sequence[str], *, complete: bool) -> None:
+    """Raise SetpointError if a joint is unknown or repeated, or (with `complete`) missing."""
+    for name in joint_names:
         if name not in names:
             raise SetpointError(f'unknown joint {name!r}')
-    if len(set(given)) != len(given):
+    if len(set(joint_names)) != len(joint_names):
         raise SetpointError('a joint occurs twice')
-    missing = [name for name in names if name not in given]
+    missing = [name for name in names if name not in joint_names]
     if complete and missing:
         raise SetpointError(f'joints {", ".join(missing)} are missing')
 
@@ -220,8 +220,8 @@ class ServoInterface:
         arrivals = ArrivalMonitor(time.monotonic())
 
         def callback(message: Any, info: dict[str, Any]) -> None:
-            came = came_at(info.get('received_timestamp'))
-            missed = arrivals.missed(info.get('publication_sequence_number'), came)
+            arrival = came_at(info.get('received_timestamp'))
+            missed = arrivals.missed(info.get('publication_sequence_number'), arrival)
             try:
                 if isinstance(message, JointTrajectory) and not message.points:
                     self._stop(message)
@@ -229,9 +229,11 @@ class ServoInterface:
                 try:
                     setpoint = read(message, self._names, topic)
                 except SetpointError as error:
-                    self._bridge.to_loop(self._servo.refuse, topic, str(error), came)
+                    self._bridge.to_loop(self._servo.refuse, topic, str(error), arrival)
                 else:
-                    self._bridge.to_loop(partial(self._servo.take, missed=missed), setpoint, came)
+                    self._bridge.to_loop(
+                        partial(self._servo.take, missed=missed), setpoint, arrival
+                    )
             except DriverEndedError:
                 return  # no driver can follow it
             except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm

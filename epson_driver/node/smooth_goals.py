@@ -155,18 +155,18 @@ DEFAULT_NAME = 'smooth_goals'
 
 NS_PER_S = 1_000_000_000
 
-STANDS_WITHIN_S = 2.0
+REST_TIMEOUT_S = 2.0
 """Time for which a goal waits for the arm to come to rest, s."""
 
 WATCH_PERIOD_S = 0.1
 
-SEEN_WITHIN_S = 0.5
+MAX_FEEDBACK_AGE_S = 0.5
 """Maximum age of feedback that shows the progress of the motion, s."""
 
 FEEDBACKS = 2
 """Number of feedback messages after which the start time is known."""
 
-FEEDBACK_WITHIN_S = 0.25
+FEEDBACK_TIMEOUT_S = 0.25
 """Time for which a stop waits for these messages, s. They arrive 20 times a second."""
 
 OFF_S, OFF = 1e-3, 1e-4
@@ -177,7 +177,7 @@ SHUT_DOWN_TIMEOUT_S = 6.0
 
 
 @dataclass(eq=False)
-class PassedGoal:
+class ForwardedGoal:
     """A goal from ROS that is forwarded to the downstream driver.
 
     start: earliest start on the loop's clock, s, or 0 for immediately. why: the outcome if the
@@ -191,31 +191,31 @@ class PassedGoal:
     on_feedback: Callable[[FollowJointTrajectory.Feedback], None]
     on_end: OnEnd
     scope: PlanningScope
-    left: asyncio.Event = field(default_factory=asyncio.Event)
+    abandoned: asyncio.Event = field(default_factory=asyncio.Event)
     why: Outcome | None = None
 
-    def leave(self, why: Outcome) -> None:
-        """Abandon the goal. Only the first reason is used."""
+    def abandon(self, why: Outcome) -> None:
+        """Abandon the goal with an outcome. Only the first call has an effect."""
         self.why = self.why or why
         self.scope.end(why.text)
-        self.left.set()
+        self.abandoned.set()
 
 
 @dataclass(eq=False)
 class SentMotion:
     """The motion that was sent for a goal, and its progress according to feedback.
 
-    begin: start of the motion, ns on the downstream driver's clock. stamp: time of the last
-    feedback, ns on the same clock. came: arrival of the last feedback, s on the loop's clock.
+    start: of the motion, ns on the downstream driver's clock. stamp: time of the last
+    feedback, ns on the same clock. arrival: its arrival, s on the loop's clock.
     follows: whether the commanded position in the last feedback matches the motion.
     """
 
-    goal: PassedGoal
+    goal: ForwardedGoal
     motion: StoppableMotion
     points: Trajectory
-    begin: int = 0
+    start: int = 0
     stamp: int = 0
-    came: float = -np.inf
+    arrival: float = -np.inf
     follows: bool = False
     feedbacks: int = 0
     known: asyncio.Event = field(default_factory=asyncio.Event)
@@ -227,7 +227,7 @@ class SentMotion:
             sent.times, sent.positions, sent.velocities, sent.accelerations
         )
 
-    def see(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
+    def update(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
         """Process feedback. stamp: ns on the driver's clock. passed: time since the start, ns."""
         limits, start = self.goal.limits, stamp - passed
         if {*names} != {*limits.names} or len(names) != len(desired):
@@ -235,9 +235,9 @@ class SentMotion:
         time = min(max(passed / NS_PER_S, 0.0), self.points.duration)
         commanded = desired[[names.index(name) for name in limits.names]]
         off = np.abs(commanded - self.spline.at(time)[0])
-        same = abs(start - self.begin) <= OFF_S * NS_PER_S
+        same = abs(start - self.start) <= OFF_S * NS_PER_S
         self.follows = bool(same and np.all(off <= OFF_S * limits.velocity + OFF))
-        self.begin, self.stamp, self.came = start, stamp, asyncio.get_running_loop().time()
+        self.start, self.stamp, self.arrival = start, stamp, asyncio.get_running_loop().time()
         self.feedbacks += 1
         if self.feedbacks >= FEEDBACKS:
             self.known.set()
@@ -248,10 +248,10 @@ class SentMotion:
 
         It is slightly too small, by the time that feedback needs to arrive.
         """
-        age = asyncio.get_running_loop().time() - self.came
-        if not self.follows or age > SEEN_WITHIN_S:
+        age = asyncio.get_running_loop().time() - self.arrival
+        if not self.follows or age > MAX_FEEDBACK_AGE_S:
             return None
-        return (self.stamp - self.begin) / NS_PER_S + age
+        return (self.stamp - self.start) / NS_PER_S + age
 
 
 class SmoothGoals:
@@ -273,17 +273,17 @@ class SmoothGoals:
         """Reason why limits are unknown, by joint name: two robot descriptions differ."""
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
-        self._goals: list[PassedGoal] = []
+        self._goals: list[ForwardedGoal] = []
         self._last: asyncio.Task[None] | None = None
         self._ending: Outcome | None = None
-        self._bridge = LoopBridge(node, self._context, self._leave_all, 'stopping all goals')
+        self._bridge = LoopBridge(node, self._context, self._abandon_all, 'stopping all goals')
         group = self._bridge.group
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(
             String, 'robot_description', self._on_description, latched, callback_group=group
         )
-        self._behind = Downstream(node, values['action'], group)
-        self._arm = ArmState(node, self._behind.name, group)
+        self._downstream = Downstream(node, values['action'], group)
+        self._arm = ArmState(node, self._downstream.name, group)
         action = ActionType(
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
@@ -292,7 +292,7 @@ class SmoothGoals:
             RESULT_TIMEOUT_S,
         )
         self._action = GoalAction(action, self, self._bridge)
-        self._logger.info(f'smooth goals are sent to {self._behind.name}')
+        self._logger.info(f'smooth goals are sent to {self._downstream.name}')
 
     # --- the process ------------------------------------------------------------------------
 
@@ -306,7 +306,7 @@ class SmoothGoals:
         Raises TimeoutError if sending the results takes too long.
         """
         busy = self._action.busy
-        self._leave_all('smooth_goals ends')
+        self._abandon_all('smooth_goals ends')
         self._ending = _aborted('smooth_goals ends')
         if self._last is not None:
             await asyncio.wait({self._last}, timeout=SHUT_DOWN_TIMEOUT_S)
@@ -334,11 +334,11 @@ class SmoothGoals:
                         'restart smooth_goals'
                     )
                     self._logger.error(why)
-                    self._bridge.to_loop(self._leave_all, why)
+                    self._bridge.to_loop(self._abandon_all, why)
 
     async def _prepare(
         self, ros_handle: ServerGoalHandle, scope: PlanningScope
-    ) -> Callable[[OnEnd], PassedGoal]:
+    ) -> Callable[[OnEnd], ForwardedGoal]:
         request = ros_handle.request
         check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, request.trajectory.joint_names)
@@ -364,13 +364,15 @@ class SmoothGoals:
         stamp, clock = request.trajectory.header.stamp, self._node.get_clock()
         start = start_time(stamp, trajectory.duration, clock, self._loop.time)
         on_feedback = ros_handle.publish_feedback
-        return partial(PassedGoal, request, trajectory, limits, start, on_feedback, scope=scope)
+        return partial(ForwardedGoal, request, trajectory, limits, start, on_feedback, scope=scope)
 
-    def _on_feedback(self, driven: SentMotion, feedback: FollowJointTrajectory.Feedback) -> None:
+    def _on_feedback(
+        self, sent_motion: SentMotion, feedback: FollowJointTrajectory.Feedback
+    ) -> None:
         try:
-            driven.goal.on_feedback(feedback)
+            sent_motion.goal.on_feedback(feedback)
             self._bridge.to_loop(
-                driven.see,
+                sent_motion.update,
                 _ns(feedback.header.stamp),
                 _ns(feedback.desired.time_from_start),
                 list(feedback.joint_names),
@@ -381,25 +383,25 @@ class SmoothGoals:
 
     # --- in the loop's thread ---------------------------------------------------------------
 
-    def cancel(self, goal: PassedGoal) -> None:
+    def cancel(self, goal: ForwardedGoal) -> None:
         """Abandon a goal because it was canceled."""
-        goal.leave(replace(CANCELED, text='canceled'))
+        goal.abandon(replace(CANCELED, text='canceled'))
 
-    def _leave_all(self, why: str) -> None:
+    def _abandon_all(self, why: str) -> None:
         for goal in self._goals:
-            goal.leave(_aborted(why))
+            goal.abandon(_aborted(why))
 
-    def submit(self, goal: PassedGoal) -> None:
+    def submit(self, goal: ForwardedGoal) -> None:
         """Abandon the earlier goals, and execute this one when the arm is at rest."""
         if goal.scope.why is not None or self._ending is not None:
             goal.on_end(self._ending or CANCELED)
             return
-        self._leave_all('replaced by a newer goal')
+        self._abandon_all('replaced by a newer goal')
         self._goals.append(goal)
         work = self._execute(goal, self._last)
         self._last = self._loop.create_task(work, context=self._context)
 
-    async def _execute(self, goal: PassedGoal, before: 'asyncio.Task[None] | None') -> None:
+    async def _execute(self, goal: ForwardedGoal, before: 'asyncio.Task[None] | None') -> None:
         outcome = _aborted('internal error of smooth_goals, see its log')
         try:
             if before is not None:
@@ -415,11 +417,11 @@ class SmoothGoals:
             self._goals.remove(goal)
             goal.on_end(outcome)
 
-    async def _outcome(self, goal: PassedGoal) -> Outcome:
+    async def _outcome(self, goal: ForwardedGoal) -> Outcome:
         """Plan and send a goal, and return its outcome. Raises GoalRejectedError if rejected."""
         age = self._parameters['state_timeout']
-        if (moves := await self._not_standing(goal)) is not None:
-            raise _rejected(f'{moves}: a goal must start with the arm at rest')
+        if (problem := await self._wait_for_rest(goal)) is not None:
+            raise _rejected(f'{problem}: a goal must start with the arm at rest')
         start = goal.limits.settled(self._arm.of(goal.limits, age)[0])
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
@@ -428,25 +430,25 @@ class SmoothGoals:
         except ValueError as error:
             raise _rejected(str(error)) from error
         with suppress(TimeoutError):
-            await asyncio.wait_for(goal.left.wait(), max(goal.start - self._loop.time(), 0.0))
+            await asyncio.wait_for(goal.abandoned.wait(), max(goal.start - self._loop.time(), 0.0))
         goal.scope.check()
         moved = np.abs(self._arm.of(goal.limits, age)[0] - start).max()
         if moved > tolerance:
             raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
-        driven = SentMotion(goal, motion, points)
+        sent_motion = SentMotion(goal, motion, points)
         request = _request(goal.request, _goal_time(goal, motion.motion.duration))
         late = late_start(goal.start, self._loop.time())
-        sent = await self._send(driven, driven.points, request)
-        end = await self._watched(driven, sent, duration_in_s(request.goal_time_tolerance))
+        sent = await self._send(sent_motion, sent_motion.points, request)
+        end = await self._watched(sent_motion, sent, duration_in_s(request.goal_time_tolerance))
         return replace(end, text=end.text + late)
 
     @property
     def _brakes(self) -> bool:
         stops = self._parameters['stops']
-        return bool(stops == 'brake' or (stops == 'auto' and self._behind.keeps_stamps))
+        return bool(stops == 'brake' or (stops == 'auto' and self._downstream.keeps_stamps))
 
     def _planned(
-        self, goal: PassedGoal, start: Array, look: Callable[[], None]
+        self, goal: ForwardedGoal, start: Array, look: Callable[[], None]
     ) -> tuple[StoppableMotion, Trajectory]:
         """Return the smooth motion from a position at rest, shape (n,), and its points.
 
@@ -465,61 +467,63 @@ class SmoothGoals:
         return motion, motion.points(self._parameters['period'])
 
     async def _send(
-        self, driven: SentMotion, points: Trajectory, request: FollowJointTrajectory.Goal
+        self, sent_motion: SentMotion, points: Trajectory, request: FollowJointTrajectory.Goal
     ) -> Sent:
         """Send points to the downstream driver. Raises GoalRejectedError if it rejects them."""
         request.trajectory.joint_names = list(points.joint_names)
         request.trajectory.points = trajectory_message(points).points
         timeout = self._parameters['reply_timeout']
-        return await self._behind.send(request, partial(self._on_feedback, driven), timeout)
+        return await self._downstream.send(
+            request, partial(self._on_feedback, sent_motion), timeout
+        )
 
-    async def _watched(self, driven: SentMotion, sent: Sent, goal_time: float) -> Outcome:
+    async def _watched(self, sent_motion: SentMotion, sent: Sent, goal_time: float) -> Outcome:
         """Wait for the end of the sent goal, or stop the arm, and return the outcome."""
-        goal = driven.goal
-        left = self._loop.create_task(goal.left.wait())
-        lost = self._loop.create_task(self._lost(driven, goal_time))
+        goal = sent_motion.goal
+        abandoned = self._loop.create_task(goal.abandoned.wait())
+        lost = self._loop.create_task(self._lost(sent_motion, goal_time))
         try:
-            either: set[asyncio.Task[Any]] = {sent.result, left, lost}
+            either: set[asyncio.Task[Any]] = {sent.result, abandoned, lost}
             await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
             if sent.result.done():
                 return sent.result.result()
             why = goal.why or _aborted(lost.result())
-            return replace(why, text=f'{why.text}, {await self._stopped(driven, sent)}')
+            return replace(why, text=f'{why.text}, {await self._stopped(sent_motion, sent)}')
         except Exception:
             await sent.cancel(self._parameters['reply_timeout'])
             raise
         finally:
-            for task in (left, lost, sent.result):
+            for task in (abandoned, lost, sent.result):
                 task.cancel()
 
-    async def _lost(self, driven: SentMotion, goal_time: float) -> str:
+    async def _lost(self, sent_motion: SentMotion, goal_time: float) -> str:
         """Wait until the downstream driver fails to respond, and return how."""
         values = self._parameters
-        timeout = driven.points.duration + goal_time + values['reply_timeout']
+        timeout = sent_motion.points.duration + goal_time + values['reply_timeout']
         latest = self._loop.time() + timeout
-        while self._behind.there:
+        while self._downstream.available:
             try:
-                self._arm.of(driven.goal.limits, values['state_timeout'])
+                self._arm.of(sent_motion.goal.limits, values['state_timeout'])
             except GoalRejectedError as error:
                 return str(error)
             if goal_time > 0.0 and self._loop.time() > latest:
-                return f'{self._behind.name} gave no result within {timeout:.3g} s'
+                return f'{self._downstream.name} gave no result within {timeout:.3g} s'
             await asyncio.sleep(WATCH_PERIOD_S)
-        return f'{self._behind.name} has no server any more'
+        return f'{self._downstream.name} has no server any more'
 
-    async def _stopped(self, driven: SentMotion, sent: Sent) -> str:
+    async def _stopped(self, sent_motion: SentMotion, sent: Sent) -> str:
         """Stop the arm and return a clause about the stop and whether the arm is at rest."""
-        how = await self._braked(driven, sent)
+        how = await self._braked(sent_motion, sent)
         if how is None:
-            how = f'{self._behind.name} stopped it'
-            if not self._behind.there:
+            how = f'{self._downstream.name} stopped it'
+            if not self._downstream.available:
                 how = 'its driver is not reachable'
             elif not await sent.cancel(self._parameters['reply_timeout']):
-                how = f'{self._behind.name} DID NOT ANSWER THE CANCEL'
+                how = f'{self._downstream.name} DID NOT ANSWER THE CANCEL'
             self._logger.warning(f'the stop of a goal was not smooth: {how}')
-        return f'{how}, {await self._not_standing(driven.goal) or "the arm is at rest"}'
+        return f'{how}, {await self._wait_for_rest(sent_motion.goal) or "the arm is at rest"}'
 
-    async def _braked(self, driven: SentMotion, sent: Sent) -> str | None:
+    async def _braked(self, sent_motion: SentMotion, sent: Sent) -> str | None:
         """Stop the arm with a second trajectory and return a clause about it.
 
         Return None if this is impossible, or if the trajectory is rejected.
@@ -527,57 +531,59 @@ class SmoothGoals:
         if not self._brakes:
             return None
         with suppress(TimeoutError):  # the motion may have just started
-            await asyncio.wait_for(driven.known.wait(), FEEDBACK_WITHIN_S)
-        if (passed := driven.passed()) is None:
+            await asyncio.wait_for(sent_motion.known.wait(), FEEDBACK_TIMEOUT_S)
+        if (passed := sent_motion.passed()) is None:
             return None
-        values, began = self._parameters, self._loop.time()
-        at = ceil((passed + values['lead']) / MAX_STEP_S) * MAX_STEP_S
-        patience = values['reply_timeout'] + 2.0 * values['lead']
-        if at >= driven.points.duration:  # its planned end is as early
-            done, _ = await asyncio.wait({sent.result}, timeout=patience)
+        values, sent_at = self._parameters, self._loop.time()
+        stop_time = ceil((passed + values['lead']) / MAX_STEP_S) * MAX_STEP_S
+        timeout = values['reply_timeout'] + 2.0 * values['lead']
+        if stop_time >= sent_motion.points.duration:  # the motion ends as early without a stop
+            done, _ = await asyncio.wait({sent.result}, timeout=timeout)
             return 'it had ended' if done else None
         try:
             start = passed - 2.0 * values['period']
-            rest = driven.motion.stopped(at, values['period'], start)
+            rest = sent_motion.motion.stopped(stop_time, values['period'], start)
         except ValueError as error:
             self._logger.error(f'no smooth stop: {error}')
             return None
-        request = FollowJointTrajectory.Goal(path_tolerance=driven.goal.request.path_tolerance)
-        sec, nanosec = divmod(driven.begin, NS_PER_S)
+        request = FollowJointTrajectory.Goal(
+            path_tolerance=sent_motion.goal.request.path_tolerance
+        )
+        sec, nanosec = divmod(sent_motion.start, NS_PER_S)
         request.trajectory.header.stamp = Time(sec=sec, nanosec=nanosec)
         try:
-            braking = await self._send(driven, rest, request)
+            braking = await self._send(sent_motion, rest, request)
         except GoalRejectedError as error:
             self._logger.error(f'no smooth stop: {error}')
             return None
-        if self._loop.time() - began > at - passed:
+        if self._loop.time() - sent_at > stop_time - passed:
             self._logger.error('a stop was accepted late: the commanded position may have jumped')
-        patience += rest.duration - passed
-        done, _ = await asyncio.wait({braking.result}, timeout=patience)
+        timeout += rest.duration - passed
+        done, _ = await asyncio.wait({braking.result}, timeout=timeout)
         if not done:
             await braking.cancel(values['reply_timeout'])
             return 'its stop did not end, and was canceled'
         ended = braking.result.result()
         return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
 
-    async def _not_standing(self, goal: PassedGoal) -> str | None:
+    async def _wait_for_rest(self, goal: ForwardedGoal) -> str | None:
         """Wait until the arm is at rest and return None. Return why it is not after a timeout."""
-        values, latest = self._parameters, self._loop.time() + STANDS_WITHIN_S
+        values, latest = self._parameters, self._loop.time() + REST_TIMEOUT_S
         names = goal.limits.names
         while True:
             try:
                 _, velocities = self._arm.of(goal.limits, values['state_timeout'])
             except GoalRejectedError as error:
-                seen = str(error)
+                problem = str(error)
             else:
                 fast = np.flatnonzero(
                     ~(np.abs(velocities) <= values['stopped_velocity_tolerance'])
                 )
                 if not len(fast):
                     return None
-                seen = f'{names[fast[0]]} moves at {velocities[fast[0]]:.3g} /s'
+                problem = f'{names[fast[0]]} moves at {velocities[fast[0]]:.3g} /s'
             if self._loop.time() > latest:
-                return seen
+                return problem
             await asyncio.sleep(WATCH_PERIOD_S / 5)
 
 
@@ -593,24 +599,24 @@ def _rejected(text: str) -> GoalRejectedError:
     return GoalRejectedError(ErrorCode.INVALID_GOAL, text)
 
 
-def _goal_time(goal: PassedGoal, duration: float) -> float:
+def _goal_time(goal: ForwardedGoal, duration: float) -> float:
     """Return goal_time_tolerance minus the additional time of a motion of `duration` s."""
-    given = duration_in_s(goal.request.goal_time_tolerance)
+    tolerance = duration_in_s(goal.request.goal_time_tolerance)
     late = max(duration - goal.trajectory.duration, 0.0)
-    if 0.0 < given <= late:
+    if 0.0 < tolerance <= late:
         raise GoalRejectedError(
             ErrorCode.GOAL_TOLERANCE_VIOLATED,
             f'within the limits it takes {duration:.3f} s, but planned are '
-            f'{goal.trajectory.duration:.3f} s with goal_time_tolerance = {given:g} s',
+            f'{goal.trajectory.duration:.3f} s with goal_time_tolerance = {tolerance:g} s',
         )
-    return given - late if given > 0.0 else given
+    return tolerance - late if tolerance > 0.0 else tolerance
 
 
-def _request(given: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
+def _request(goal: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
     """Return a goal with the tolerances of another one, and an empty trajectory."""
     copied = {
-        name: getattr(given, name)
-        for name in given.get_fields_and_field_types()
+        name: getattr(goal, name)
+        for name in goal.get_fields_and_field_types()
         if name.endswith('tolerance')
     }
     sec, nanosec = divmod(round(goal_time * NS_PER_S), NS_PER_S)

@@ -67,8 +67,8 @@ class StaticFrames:
             message.header.frame_id = self.prefix + parent
             message.header.stamp = stamp
             set_values(message.transform, values, ('translation', 'rotation'))
-        if together := [item for names in self._transforms.values() for item in names.values()]:
-            self._publisher.publish(TFMessage(transforms=together))
+        if messages := [item for names in self._transforms.values() for item in names.values()]:
+            self._publisher.publish(TFMessage(transforms=messages))
 
 
 def links(model: RobotModel) -> set[str]:
@@ -83,11 +83,11 @@ def link_prefix(frame_id: str) -> str:
 
 
 def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
-    """Set two fields of a message. values: x y z and a quaternion x y z w."""
-    left = iter(values.tolist())
+    """Set two fields of a message to a position x y z and a quaternion x y z w."""
+    numbers = iter(values.tolist())
     for field, names in zip(fields, ('xyz', 'xyzw'), strict=True):
         for name in names:
-            setattr(getattr(message, field), name, next(left))
+            setattr(getattr(message, field), name, next(numbers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +139,12 @@ class ToolInterface:
         self._primitives = primitives
         self._frames = frames
         self._model = context.setup.model
-        self._usual_name: str = context.values['tool.name']
+        self._default_name: str = context.values['tool.name']
         try:
             tool = named_tool(
                 self._model,
                 context.values['tool.pose'],
-                self._usual_name,
+                self._default_name,
                 ('parameter tool.pose', 'parameter tool.name'),
             )
         except ValueError as error:
@@ -160,7 +160,7 @@ class ToolInterface:
         try:
             payload = self._model.checked_payload(request.payload)
             tool = named_tool(
-                self._model, pose_values(request.pose), request.name or self._usual_name
+                self._model, pose_values(request.pose), request.name or self._default_name
             )
             self._apply(tool)
             sent = self._primitives.set_payload(payload)

@@ -19,8 +19,8 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
     """Return a message as a Trajectory in the order of `joint_names`.
 
     Raises GoalRejectedError with INVALID_JOINTS if the message has other joints. Raises it with
-    INVALID_GOAL if the message has no points, or if a point has no positions, efforts, or an array
-    of the wrong length.
+    INVALID_GOAL if there are no points, or if a point lacks positions, has efforts, or has an
+    array of the wrong length.
     """
     names = tuple(message.joint_names)
     if len(set(names)) != len(names):
@@ -81,7 +81,7 @@ def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequenc
 
 
 def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
-    """Return the points' time_from_start, s, as a vectorized `duration_in_s`."""
+    """Return the points' time_from_start, s. It is a vectorized `duration_in_s`."""
     durations = list(map(attrgetter('time_from_start'), points))
     seconds = np.fromiter(map(attrgetter('sec'), durations), float, len(durations))
     nanoseconds = np.fromiter(map(attrgetter('nanosec'), durations), float, len(durations))

@@ -386,7 +386,7 @@ def test_no_goal_handle_remains_after_100_goals_with_cuts(monkeypatch):
         async with simulated() as (controller, ports), User(ports) as user:
             await until(user.action.server_is_ready)
             await user.enable()
-            driver, server = user.client.driver, user.client.goal_server.action_server
+            driver, server = user.client.driver, user.client.goal_server._action.server
             for number in range(GOALS):
                 kind = KINDS[number % len(KINDS)]
                 at = driver.robot.sample.positions

@@ -9,7 +9,7 @@ import logging
 import pytest
 
 from epson_driver.node import client_process
-from epson_driver.node.client_process import Failures, _drive, _tell_ends
+from epson_driver.node.client_process import Failures, _drive, _report_ended
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def test_repeated_failure_is_logged_once(failures, caplog):
     reporter, loop = failures
     error = ZeroDivisionError('made for this test')
     reporter.in_loop(loop, {'message': 'a task failed', 'exception': error})
-    reporter.tell('the same again', error)
+    reporter.report('the same again', error)
     assert reporter.happened.is_set()
     (record,) = caplog.records
     assert record.levelno == logging.CRITICAL
@@ -59,13 +59,13 @@ def test_driver_task_that_ends_is_a_failure(caplog):
     async def scenario():
         reporter = Failures(asyncio.get_running_loop())
         forever = asyncio.create_task(asyncio.sleep(3600.0))
-        _tell_ends([forever], reporter)
+        _report_ended([forever], reporter)
         assert not reporter.happened.is_set()
         tasks = [asyncio.create_task(function()) for function in (ended, failed)]
         await asyncio.wait(tasks)
         forever.cancel()
         await asyncio.wait([forever])
-        _tell_ends([*tasks, forever], reporter)
+        _report_ended([*tasks, forever], reporter)
         assert reporter.happened.is_set()
 
     asyncio.run(scenario())

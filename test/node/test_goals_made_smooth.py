@@ -44,7 +44,7 @@ class Behind:
     name = '/behind/follow_joint_trajectory'
 
     def __init__(self):
-        self.there = self.keeps_stamps = self.tells = self.cancels = True
+        self.available = self.keeps_stamps = self.tells = self.cancels = True
         self.refuses, self.silent, self.scaling = [], None, 1.0
         self.taken, self.canceled = [], 0
         self.spline, self.begin, self.held = None, 0.0, None
@@ -67,7 +67,7 @@ class Behind:
         return self.commanded()
 
     async def send(self, goal, on_feedback, _timeout):
-        if not self.there:
+        if not self.available:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'not available')
         if self.refuses:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.refuses.pop())
@@ -273,7 +273,7 @@ async def test_arm_with_unknown_state_is_stopped(monkeypatch):
     front.behind.silent = None
     again = await front.goal((6.0, FAR))
     await front.until_moving()
-    front.behind.there = front.behind.tells = False
+    front.behind.available = front.behind.tells = False
     await asyncio.sleep(1.0)
     assert 'has no server any more, its driver is not reachable' in (await again.ended).text
 
@@ -438,7 +438,7 @@ async def test_missing_server_and_rejection_are_reported(monkeypatch):
     with pytest.raises(OSError, match='x'):
         await broken.send(None, None, 1.0)
     with pytest.raises(ZeroDivisionError):
-        await broken.asked(lambda: 1 / 0)
+        await broken.request_result(lambda: 1 / 0)
 
 
 async def test_goal_accepted_too_late_is_canceled(monkeypatch, caplog):
