@@ -31,7 +31,7 @@ from epson_driver.api.motions import Motions
 from epson_driver.api.points import Points
 from epson_driver.api.poses import Waypoint
 from epson_driver.api.recording import Recording
-from epson_driver.api.settings import Settings, given_values
+from epson_driver.api.settings import Settings, parameter_values
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
@@ -87,7 +87,7 @@ class Robot(Motions, Streams):
     ) -> None:
         from epson_driver.setup.setup import make_setup
 
-        given = given_values(
+        values = parameter_values(
             Settings() if settings is None else settings,
             host,
             controller,
@@ -97,7 +97,7 @@ class Robot(Motions, Streams):
             io_port=io_port,
             remote_port=remote_port,
         )
-        super().__init__(make_setup(given))
+        super().__init__(make_setup(values))
         self._enable = enable
         connection = self._connection  # not self: a lost robot must be collected immediately
         self.io = Io(lambda: connection.running.io)

@@ -29,11 +29,11 @@ from epson_driver.api.synchronous import (
     Simulation,
     Synchronous,
     calls,
-    hears,
     makes,
     measured,
     moves,
     reads,
+    registers,
     waits,
 )
 from epson_driver.api.threads import Session
@@ -164,7 +164,7 @@ class Robot(Synchronous[aio.Robot]):
     speed_scaling = reads(aio.Robot, lambda robot: robot.speed_scaling)
     set_speed_scaling = calls(aio.Robot.set_speed_scaling)
 
-    on_estop = hears(aio.Robot.on_estop)
-    on_joints = hears(aio.Robot.on_joints)
-    on_error = hears(aio.Robot.on_error)
-    on_link = hears(aio.Robot.on_link)
+    on_estop = registers(aio.Robot.on_estop)
+    on_joints = registers(aio.Robot.on_joints)
+    on_error = registers(aio.Robot.on_error)
+    on_link = registers(aio.Robot.on_link)

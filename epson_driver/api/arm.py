@@ -177,12 +177,12 @@ class Arm(Unique):
 
     def _joints_at(self, field: str, pose: Pose, frame: str | None, near: Array) -> Array:
         arm = self._hand[1]
-        wanted = self._frames.target(field, pose, frame).seen_from(arm.forward(near))
-        result = arm.inverse(wanted, near)
+        target = self._frames.target(field, pose, frame).in_base_link(arm.forward(near))
+        result = arm.inverse(target, near)
         if not len(result):
-            place = ', '.join(f'{1e3 * value:.1f}' for value in wanted[:3, 3])
-            why = arm.why_unreachable(wanted) or 'out of reach'
-            raise PathError(f'{field}: no joint positions for ({place}) mm: {why}')
+            place = ', '.join(f'{1e3 * value:.1f}' for value in target[:3, 3])
+            reason = arm.why_unreachable(target) or 'out of reach'
+            raise PathError(f'{field}: no joint positions for ({place}) mm: {reason}')
         return np.asarray(result[0])
 
     @property
@@ -255,5 +255,5 @@ def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.Ar
     if (np.diag(about) < 0.0).any():
         diagonal = np.diag(about).tolist()
         raise ValueError(f'inertia: its diagonal is {diagonal}: must not be negative')
-    away = float(np.hypot(*place[:2]))
-    return Load(weight, float(about[2, 2]) + weight * away**2, away)
+    distance = float(np.hypot(*place[:2]))
+    return Load(weight, float(about[2, 2]) + weight * distance**2, distance)

@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import Any, BinaryIO, TypeVar
 
 from epson_driver.api.driver_status import Changes, robot_status
-from epson_driver.api.errors import RobotError, not_begun, refusals
-from epson_driver.api.motion import HeldPath, Motion
+from epson_driver.api.errors import RobotError, not_started, refusals
+from epson_driver.api.motion import CheckedPath, Motion
 from epson_driver.api.moves import divided
 from epson_driver.api.ownership import Process, close_soon, release, take_over
 from epson_driver.api.simulation import SimulatedController
@@ -38,7 +38,7 @@ from epson_driver.trace import TraceError, open_trace
 FRESH_POSE_TIMEOUT_S = 0.5
 """Time to wait for newer joints if the received ones are too old, s."""
 
-LOOKS, LOOK_PERIOD_S = 5, 0.1
+CHECKS, CHECK_PERIOD_S = 5, 0.1
 """Number of consecutive checks that a stable link must pass, and their period, s. Checks are
 counted instead of measuring the time, because a delayed process checks less often."""
 
@@ -122,8 +122,8 @@ class Connection:
         try:
             if self.simulation is not None:
                 ports: dict[str, Any] = await self.simulation.start()
-                there = replace(setup.configuration, host='127.0.0.1', **ports)
-                setup = replace(setup, configuration=there)
+                configuration = replace(setup.configuration, host='127.0.0.1', **ports)
+                setup = replace(setup, configuration=configuration)
             await self._take_over(setup.configuration.address, timeout)
             trace = await self._open_trace()
             driver = setup.make_driver(self)
@@ -219,21 +219,22 @@ class Connection:
         links = driver.links
         try:
             async with asyncio.timeout(timeout):
-                looks, connections = 0, [0 for _ in links]
-                while looks < LOOKS:
+                passed, connections = 0, [0 for _ in links]
+                while passed < CHECKS:
                     self._connected()
                     before, connections = connections, [_count(link) for link in links]
                     if self._missing(driver):
-                        looks = 0
+                        passed = 0
                         await self._received.wait()
                     else:
-                        looks = looks + 1 if connections == before else 0
-                        await asyncio.sleep(LOOK_PERIOD_S)
+                        passed = passed + 1 if connections == before else 0
+                        await asyncio.sleep(CHECK_PERIOD_S)
         except TimeoutError as error:
-            lasted = f'the links have to last for {LOOKS * LOOK_PERIOD_S:g} s'
-            missing = self._missing(driver) or [lasted]
-            if away := [link for link in links if _count(link) >= MAX_SHORT]:
-                missing = [f'the controller closes the {_named(away)} immediately: {TURNED_AWAY}']
+            unstable = f'the links must stay connected for {CHECKS * CHECK_PERIOD_S:g} s'
+            missing = self._missing(driver) or [unstable]
+            if rejecting := [link for link in links if _count(link) >= MAX_SHORT]:
+                names = _named(rejecting)
+                missing = [f'the controller closes the {names} immediately: {TURNED_AWAY}']
             raise RobotError(f'not ready within {timeout:g} s: {"; ".join(missing)}') from error
 
     def _missing(self, driver: Driver) -> list[str]:
@@ -260,9 +261,9 @@ class Connection:
         if driver.goal_queue.idle and driver.stopper.over and not driver.stopper.ours:
             return
         try:
-            _log.info('leaving: %s', await commands.stop())
+            _log.info('closing: %s', await commands.stop())
         except CommandError as error:
-            _log.error('at exit: %s', error)
+            _log.error('the stop while closing failed: %s', error)
 
     def _connected(self) -> tuple[Driver, ArmCommands]:
         self._process.check()
@@ -276,7 +277,7 @@ class Connection:
 
     @property
     def _stranded(self) -> bool:
-        """Whether the event loop of the connection, and thereby its links, has been closed."""
+        """Whether the event loop of the connection has been closed, which also ends its links."""
         return self.task is not None and self.loop.is_closed()
 
     def _check_loop(self) -> None:
@@ -359,7 +360,7 @@ class Connection:
         plan: PlanningScope,
         *,
         wait: bool,
-        path: HeldPath | None = None,
+        path: CheckedPath | None = None,
         move: Callable[[StatementDelivery], str] | None = None,
     ) -> Motion:
         """Start a motion. With `wait`, wait until it ends, and stop it if the task is cancelled.
@@ -373,12 +374,12 @@ class Connection:
         sample, statement = driver.robot.sample, None
         if driver.statements is not None:
             if move is None:
-                raise not_begun(NO_PLANS.format(len(trajectory.times)))
+                raise not_started(NO_PLANS.format(len(trajectory.times)))
             statement = move(driver.statements)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
         motion = Motion(driver.goal_queue, self._setup.goal(trajectory, statement), plan, path)
-        motion.begin()
+        motion.start()
         if wait:
             await motion.finish()
         return motion
@@ -410,13 +411,13 @@ class Connection:
         """Notify waiters and callbacks of new joints."""
         self._received.notify_all()
         self.changes.recorded.call(sample)
-        if self.changes.joints.wanted:
+        if self.changes.joints.registered:
             self.changes.joints.call(self.stamped(sample))
 
     def on_status(self, status: Status) -> None:
         """Notify waiters and callbacks of a STATUS."""
         self._received.notify_all()
-        self.changes.see(status)
+        self.changes.update(status)
 
     def on_link_state(self, name: str, why: str) -> None:
         """Notify waiters and callbacks of a changed link state."""

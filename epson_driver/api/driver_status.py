@@ -31,8 +31,8 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
     status = driver.robot.status or Status()
     text = 'the arm is moving' if driver.goal_queue.busy else 'the arm is enabled'
     remedy = ''
-    held = driver.goal_queue.scaling.target == 0.0
-    if held:
+    paused = driver.goal_queue.scaling.target == 0.0
+    if paused:
         moves = driver.robot.why_not_at_rest(driver.goal_queue.settings.stopped_velocity)
         text = 'pausing: the arm brakes' if moves else 'motions are paused: the speed scaling is 0'
         remedy = 'call set_speed_scaling(1.0)'
@@ -44,7 +44,7 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
         connected=driver.state_link.connected and driver.motion_link.connected,
         enabled=driver.gate.reason is None,
         moving=_KNOWN.get(status.in_motion),
-        paused=driver.robot.paused or held,
+        paused=driver.robot.paused or paused,
         e_stopped=_KNOWN.get(status.e_stopped),
         motors_on=_KNOWN.get(status.drives_powered),
         motion_possible=_KNOWN.get(status.motion_possible),
@@ -69,7 +69,7 @@ class Callbacks(Generic[P]):
         self._functions: list[Callable[P, object]] = []
 
     @property
-    def wanted(self) -> bool:
+    def registered(self) -> bool:
         """Whether a function is registered."""
         return bool(self._functions)
 
@@ -109,7 +109,7 @@ class Changes:
         self._e_stopped = False
         self._number: int | None = None
 
-    def see(self, status: Status) -> None:
+    def update(self, status: Status) -> None:
         """Call the callbacks for the changes of E-stop and error in a STATUS."""
         if status.e_stopped in (TriState.TRUE, TriState.FALSE):
             e_stopped = status.e_stopped == TriState.TRUE

@@ -31,7 +31,7 @@ WORDS = {
     Remedy.ALLOW_END_VELOCITY: '',
     Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed=False in Settings',
 }
-"""Remedies as calls of this API."""
+"""Remedies in terms of this API's methods."""
 
 TIMEOUT = number(0.0, 1e7, 's')
 
@@ -66,18 +66,18 @@ class PathError(ArgumentError):
     """
 
 
-def not_begun(sentence: str) -> MotionError:
+def not_started(sentence: str) -> MotionError:
     """Return the error for a motion that was not started."""
     return MotionError(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, sentence))
 
 
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
-    """Convert a rejection by the driver, or the end of a canceled planning, to MotionError."""
+    """Convert a rejection by the driver, or canceled planning, to MotionError."""
     try:
         yield
     except PlanningEndedError as ended:
-        raise not_begun(str(ended)) from ended
+        raise not_started(str(ended)) from ended
     except GoalRejectedError as rejection:
         raise MotionError(rejection.outcome) from rejection
 
@@ -104,7 +104,7 @@ def checked_timeout(timeout: float | None) -> float | None:
 P = ParamSpec('P')
 T = TypeVar('T')
 
-_SAID: dict[Any, str] = {
+_EXPECTED: dict[Any, str] = {
     bool: 'True or False',
     str: 'the path of a file',
     PathLike: 'the path of a file',
@@ -155,12 +155,14 @@ def _rule(annotation: Any) -> Rule | None:
     kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
     kinds = tuple(get_origin(kind) or kind for kind in kinds)
     classes = [kind for kind in kinds if isinstance(kind, type)]
-    ours = [kind for kind in classes if kind.__module__.startswith('epson_driver.')]
-    if len(classes) < len(kinds) or not all(kind in _SAID or kind in ours for kind in kinds):
+    own_classes = [kind for kind in classes if kind.__module__.startswith('epson_driver.')]
+    if len(classes) < len(kinds) or not all(
+        kind in _EXPECTED or kind in own_classes for kind in kinds
+    ):
         return None
     if kinds in ((str,), (str, NoneType)):  # a name: the method checks it
         return None
-    message = [_SAID.get(kind, kind.__name__) for kind in classes]
+    message = [_EXPECTED.get(kind, kind.__name__) for kind in classes]
 
     def read(value: Any) -> Any:
         if not isinstance(value, kinds):

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 for _name in ('goal', 'servo'):
     logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
-HeldPath = tuple[Callable[[Array], float], float]
+CheckedPath = tuple[Callable[[Array], float], float]
 """A function that returns the tool's distance from its path, m, for joint positions, shape (n,),
 and the maximum distance, m."""
 
@@ -36,20 +36,24 @@ class Motion(Unique):
     """A motion of the arm. It ends exactly once: succeeded, canceled or aborted."""
 
     def __init__(
-        self, queue: 'GoalQueue', goal: 'Goal', plan: 'PlanningScope', path: HeldPath | None = None
+        self,
+        queue: 'GoalQueue',
+        goal: 'Goal',
+        plan: 'PlanningScope',
+        path: CheckedPath | None = None,
     ) -> None:
         from epson_driver.driver.goal.goal_queue import GoalHandle
 
         self._queue = queue
         self._planned = goal.trajectory.duration
-        self._handle = GoalHandle(goal, self._on_end, self._see, plan=plan)
+        self._handle = GoalHandle(goal, self._on_end, self._on_feedback, plan=plan)
         self._path = path
-        self._away = 0.0
+        self._deviation = 0.0
         self._outcome: Outcome | None = None
         self._ended = asyncio.Event()
         self._reported = False
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Submit the motion to the driver. Raises MotionError if it is rejected immediately."""
         self._queue.submit(self._handle)
         if self._outcome is not None and self._outcome.end is End.ABORTED:
@@ -76,9 +80,9 @@ class Motion(Unique):
         if self._outcome is None:
             return ''
         message = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
-        if self._path is not None and self._away > self._path[1]:
+        if self._path is not None and self._deviation > self._path[1]:
             message += (
-                f'; the tool was up to {self._away * 1e3:.2f} mm away from its path '
+                f'; the tool was up to {self._deviation * 1e3:.2f} mm away from its path '
                 f'(accuracy {self._path[1] * 1e3:g} mm)'
             )
         return message
@@ -142,9 +146,9 @@ class Motion(Unique):
         assert self._outcome is not None  # noqa: S101 - for the type checker
         return self._outcome
 
-    def _see(self, _execution: 'GoalExecution', sample: 'JointSample') -> None:
+    def _on_feedback(self, _execution: 'GoalExecution', sample: 'JointSample') -> None:
         if self._path is not None:
-            self._away = max(self._away, self._path[0](sample.positions))
+            self._deviation = max(self._deviation, self._path[0](sample.positions))
 
     def _on_end(self, outcome: Outcome) -> None:
         self._outcome = outcome

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from epson_driver.api import moves
 from epson_driver.api.arm import Arm
-from epson_driver.api.errors import checked_arguments, not_begun, refusals
+from epson_driver.api.errors import checked_arguments, not_started, refusals
 from epson_driver.api.motion import Motion
 from epson_driver.api.poses import Pose, Waypoint, is_pose
 from epson_driver.api.recording import RATE, SPEED, Recording
@@ -46,7 +46,7 @@ class Motions(Arm):
         replaced: wait for its end or cancel it first. Both exceptions are RobotErrors.
         """
         limits = self.model.limits
-        moves.check_shares(speed, acceleration)
+        moves.check_speeds(speed, acceleration)
         pose = is_pose(target, len(limits.names))
         if pose:
             self._frames.target('target', target, None)
@@ -77,7 +77,7 @@ class Motions(Arm):
         from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 
         limits = self.model.limits
-        moves.check_shares(speed, acceleration)
+        moves.check_speeds(speed, acceleration)
         waypoints = moves.targets('points', points, limits)
         start, plan = await self._connection.ready()
         scaled = moves.scaled_limits(limits, speed, acceleration)
@@ -87,7 +87,7 @@ class Motions(Arm):
         try:
             trajectory = await smoother.prepared(waypoints, start)
         except SmoothingError as error:
-            raise not_begun(str(error)) from error
+            raise not_started(str(error)) from error
         finally:
             await smoother.close()
         return await self._connection.execute(trajectory, plan, wait=wait)
@@ -123,7 +123,7 @@ class Motions(Arm):
         period = 1.0 / RATE.checked(rate, 'rate')
         self._connection.running  # noqa: B018 - it raises if not connected
         recording = Recording(self.model.joint_names, period)
-        recording.begin(self._connection.changes.recorded.add)
+        recording.start(self._connection.changes.recorded.add)
         return recording
 
     @checked_arguments
@@ -146,10 +146,10 @@ class Motions(Arm):
             recording = Recording.load(recording)
         recording.stop()
         limits = self.model.limits
-        way = moves.checked(recording.plan(limits, speed), limits, 'recording')
+        path = moves.checked(recording.plan(limits, speed), limits, 'recording')
         start, plan = await self._connection.ready()
-        trajectory, _ = self._setup.joint_move(start, way.positions[0], 0.2, 0.5)
-        return await self._connection.execute(moves.joined(trajectory, way), plan, wait=wait)
+        trajectory, _ = self._setup.joint_move(start, path.positions[0], 0.2, 0.5)
+        return await self._connection.execute(moves.joined(trajectory, path), plan, wait=wait)
 
     @checked_arguments
     async def move_line(
@@ -247,8 +247,8 @@ class Motions(Arm):
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
-        ways = moves.path_points(points, blend, frame, self._frames)
-        return await self._move_tool(partial(moves.path_runs, ways), tool, wait)
+        path_points = moves.path_points(points, blend, frame, self._frames)
+        return await self._move_tool(partial(moves.path_runs, path_points), tool, wait)
 
     async def _move_tool(
         self,
@@ -260,17 +260,17 @@ class Motions(Arm):
         tool, arm = self._hand
         tool.check(limits.speed, limits.acceleration)
         start, plan = await self._connection.ready()
-        way = path(arm.forward(start))
-        if not way:  # the tool is there
+        tool_path = path(arm.forward(start))
+        if not tool_path:  # the tool is already there
             trajectory = straight(start, start, self.model.limits, 1.0, 1.0, sampled=False)
             return await self._connection.execute(
                 trajectory, plan, wait=wait, move=lambda written: written.joints(start, 0.01, 0.01)
             )
         with refusals():
             trajectory = await plan.in_thread(
-                partial(trajectory_along_runs, arm, start, way, limits)
+                partial(trajectory_along_runs, arm, start, tool_path, limits)
             )
-        held = (moves.deviation(arm, way), limits.accuracy)
+        checked_path = (moves.deviation(arm, tool_path), limits.accuracy)
         via = None
         if point is not None and point.via is not None:
             via = point.via.seen_from(arm.forward(start))[:3, 3]
@@ -278,7 +278,7 @@ class Motions(Arm):
             trajectory,
             plan,
             wait=wait,
-            path=held,
+            path=checked_path,
             move=None
             if point is None
             else lambda written: written.path(arm, tool.pose, trajectory.positions, limits, via),

@@ -32,7 +32,7 @@ from epson_driver.tool_motion.pose_path import (
 from epson_driver.tool_motion.tool_pose import numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
-LOOK_M, MAX_LOOKS = 1e-3, 2000
+SAMPLE_SPACING_M, MAX_SAMPLES = 1e-3, 2000
 """Spacing of the path samples for the accuracy check, m, and their maximum number per run."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
@@ -83,7 +83,7 @@ def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> Joi
     )
 
 
-def check_shares(speed: float, acceleration: float) -> None:
+def check_speeds(speed: float, acceleration: float) -> None:
     """Raise ValueError unless both are fractions of the joint limits, (0, 1]."""
     for name, value in (('speed', speed), ('acceleration', acceleration)):
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
@@ -92,7 +92,7 @@ def check_shares(speed: float, acceleration: float) -> None:
         check_fractions(float(speed), float(acceleration))
     except ValueError as error:
         text = str(error).replace('accel =', 'acceleration =')
-        raise ValueError(f'{text}, a share of the joint limits') from error
+        raise ValueError(f'{text}, a fraction of the joint limits') from error
 
 
 def tool_limits(
@@ -106,7 +106,7 @@ def tool_limits(
     slow: bool,
 ) -> ToolLimits:
     """Return the limits of a tool motion. Raises ValueError if an argument is invalid."""
-    given = {
+    arguments = {
         'speed': speed,
         'acceleration': acceleration,
         'turn_speed': turn_speed,
@@ -114,8 +114,8 @@ def tool_limits(
         'accuracy': accuracy,
     }
     if jerk is not None:
-        given['jerk'] = jerk
-    limits = {name: _TOOL_RULES[name].checked(value, name) for name, value in given.items()}
+        arguments['jerk'] = jerk
+    limits = {name: _TOOL_RULES[name].checked(value, name) for name, value in arguments.items()}
     ratio = limits.pop('jerk', JERK_PER_ACCELERATION * acceleration) / acceleration
     return ToolLimits(**limits, slow=bool(slow), jerk_ratio=ratio)
 
@@ -144,10 +144,10 @@ class PathPoint:
         before: the pose, shape (4, 4), m. start: the pose of the tool at the start of the motion.
         Raises ValueError if the points of an arc do not define one.
         """
-        end = self.pose.seen_from(start)
+        end = self.pose.in_base_link(start)
         if self.via is None:
             return line(before, end)
-        return arc(before, self.via.seen_from(start)[:3, 3], end)
+        return arc(before, self.via.in_base_link(start)[:3, 3], end)
 
     def run(self, start: Array) -> list[Run]:
         """Return the path to this point as one run, or [] if the tool is already there.
@@ -155,7 +155,7 @@ class PathPoint:
         start: the pose of the tool in base_link. Raises ValueError like `segment`.
         """
         segment = self.segment(start, start)
-        return [] if _is_none(segment) else runs([segment], [])
+        return [] if _is_empty(segment) else runs([segment], [])
 
 
 def path_points(
@@ -167,7 +167,7 @@ def path_points(
     """
     _BLEND.checked(blend, 'blend')
     if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
-        raise ValueError(f'points = {points!r}: must be a list of poses or way points')
+        raise ValueError(f'points = {points!r}: must be a list of poses or Waypoints')
     if not len(points):
         raise ValueError('points: must have at least one')
     last = len(points) - 1
@@ -180,11 +180,11 @@ def path_points(
             if index == last and point.blend > 0.0:
                 raise ValueError(f'{name}.blend = {point.blend:g} m: must be 0 for the last point')
         radius = blend if point.blend is None else point.blend
-        its_frame = frame if point.frame is None else point.frame
-        pose = frames.target(name, point.pose, its_frame)
+        point_frame = frame if point.frame is None else point.frame
+        pose = frames.target(name, point.pose, point_frame)
         via = None
         if point.via is not None:
-            via = frames.point(f'{name}.via', point.via, its_frame, point.pose)
+            via = frames.point(f'{name}.via', point.via, point_frame, point.pose)
         result.append(PathPoint(pose, via, 0.0 if index == last else float(radius)))
     return result
 
@@ -197,18 +197,18 @@ def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
     """
     segments: list[PosePath] = []
     before = start
-    wanted = _apart(points, start)
-    for index, point in wanted:
+    distinct = _apart(points, start)
+    for index, point in distinct:
         try:
             segments.append(point.segment(before, start))
         except ValueError as error:
             raise ValueError(f'points[{index}]: {error}') from error
-        before = point.pose.seen_from(start)
-    if len(segments) == 1 and _is_none(segments[0]):
+        before = point.pose.in_base_link(start)
+    if len(segments) == 1 and _is_empty(segments[0]):
         return []
-    numbers = [index for index, _ in wanted]
+    numbers = [index for index, _ in distinct]
     try:
-        result = runs(segments, [point.blend for _, point in wanted[:-1]])
+        result = runs(segments, [point.blend for _, point in distinct[:-1]])
     except BlendError as error:
         raise ValueError(f'points[{numbers[error.index]}]: {error}') from error
     return [
@@ -225,21 +225,21 @@ def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoi
     A merged point has the smallest blend and the last index of its points. Points at the start
     pose before the first motion are dropped, except the last point of the path.
     """
-    kept: list[tuple[int, PathPoint]] = []
+    distinct: list[tuple[int, PathPoint]] = []
     place = start
     for index, point in enumerate(points):
-        pose = point.pose.seen_from(start)
+        pose = point.pose.in_base_link(start)
         if point.via is not None or not _same_place(place, pose):
-            kept.append((index, point))
+            distinct.append((index, point))
             place = pose
-        elif kept:
-            _, before = kept.pop()
-            kept.append(
+        elif distinct:
+            _, before = distinct.pop()
+            distinct.append(
                 (index, replace(point, via=before.via, blend=min(before.blend, point.blend)))
             )
         elif index == len(points) - 1:
-            kept.append((index, point))
-    return kept
+            distinct.append((index, point))
+    return distinct
 
 
 def _same_place(first: Array, second: Array) -> bool:
@@ -248,18 +248,19 @@ def _same_place(first: Array, second: Array) -> bool:
     return bool(away <= SAME_PLACE_M and turned <= SAME_PLACE_RAD)
 
 
-def deviation(arm: Kinematics, way: Sequence[Run]) -> Callable[[Array], float]:
+def deviation(arm: Kinematics, path: Sequence[Run]) -> Callable[[Array], float]:
     """Return a function from joints, shape (n,), to the tool's distance from the path, m."""
     places = []
-    for run in way:
+    for run in path:
         length = sum(part.length for part in run.parts)
-        looks = np.linspace(0.0, run.seams[-1], min(ceil(length / LOOK_M) + 2, MAX_LOOKS))
-        places += [run.pose(distance)[:3, 3] for distance in looks.tolist()]
-    path = np.array(places)
-    return lambda joints: distance_from(arm.forward(joints)[:3, 3], path)
+        count = min(ceil(length / SAMPLE_SPACING_M) + 2, MAX_SAMPLES)
+        distances = np.linspace(0.0, run.seams[-1], count)
+        places += [run.pose(distance)[:3, 3] for distance in distances.tolist()]
+    samples = np.array(places)
+    return lambda joints: distance_from(arm.forward(joints)[:3, 3], samples)
 
 
-def _is_none(path: PosePath) -> bool:
+def _is_empty(path: PosePath) -> bool:
     return max(path.length, path.angle) < SHORTEST_PATH
 
 
@@ -312,29 +313,29 @@ def divided(trajectory: Trajectory, start: Array) -> Trajectory:
     from epson_driver.driver.goal.reference import ReferenceTrajectory
 
     times = trajectory.times.tolist()
-    moments: list[float] = []
+    point_times: list[float] = []
     for before, time in zip([0.0, *times], times, strict=False):
         parts = max(ceil((time - before) / LONGEST_SEGMENT_S - 1e-9), 1)
-        moments += np.linspace(before, time, parts + 1)[1:].tolist()
-    if len(moments) == len(times):
+        point_times += np.linspace(before, time, parts + 1)[1:].tolist()
+    if len(point_times) == len(times):
         return trajectory
-    way = ReferenceTrajectory(trajectory, start)
-    result = [way.at(moment) for moment in moments]
+    reference = ReferenceTrajectory(trajectory, start)
+    result = [reference.at(time) for time in point_times]
     velocities = None if trajectory.velocities is None else np.array([item[1] for item in result])
     if velocities is not None and trajectory.velocities is not None:
         velocities[-1] = trajectory.velocities[-1]
     return Trajectory(
         trajectory.joint_names,
-        np.array(moments),
+        np.array(point_times),
         np.array([position for position, _ in result]),
         velocities,
     )
 
 
-def _permuted(names: tuple[str, ...], given: Sequence[str]) -> tuple[str, ...]:
-    if sorted(given) != sorted(names):
+def _permuted(names: tuple[str, ...], order: Sequence[str]) -> tuple[str, ...]:
+    if sorted(order) != sorted(names):
         raise ValueError
-    return tuple(given)
+    return tuple(order)
 
 
 def planned(
@@ -353,13 +354,13 @@ def planned(
         read = partial(_permuted, names)
         names = Rule(read, f'must be {", ".join(names)}').checked(joint_names, 'joint_names')
     rows = limits.settled(joint_rows('positions', positions, limits, rows=True))
-    moments = numbers('times', times)
-    if moments.shape != (len(rows),):
-        raise ValueError(f'times has shape {moments.shape}: must be ({len(rows)},), one per point')
+    values = numbers('times', times)
+    if values.shape != (len(rows),):
+        raise ValueError(f'times has shape {values.shape}: must be ({len(rows)},), one per point')
     speeds = None
     if velocities is not None:
         speeds = joint_rows('velocities', velocities, limits, rows=True)
         if len(speeds) != len(rows):
             raise ValueError(f'velocities has {len(speeds)} points, positions has {len(rows)}')
-    trajectory = Trajectory(names, moments, rows, speeds).in_order(limits.names)
+    trajectory = Trajectory(names, values, rows, speeds).in_order(limits.names)
     return checked(trajectory, limits, 'trajectory')

@@ -54,7 +54,7 @@ class Process:
             )
 
 
-class Owned(Protocol):
+class Owner(Protocol):
     """Interface of a connection, which owns an arm."""
 
     loop: asyncio.AbstractEventLoop
@@ -69,11 +69,11 @@ class Owned(Protocol):
 
 Address = tuple[str, int]
 
-_owners: dict[Address, Owned] = {}
+_owners: dict[Address, Owner] = {}
 _lock = threading.Lock()
 
 
-async def take_over(address: Address, owner: Owned) -> None:
+async def take_over(address: Address, owner: Owner) -> None:
     """Register the owner of a controller address, and close the previous owner."""
     with _lock:
         before, _owners[address] = _owners.get(address), owner
@@ -87,7 +87,7 @@ async def take_over(address: Address, owner: Owned) -> None:
         await asyncio.wrap_future(closing)
 
 
-def release(owner: Owned) -> None:
+def release(owner: Owner) -> None:
     """Remove the registration of an owner."""
     with _lock:
         for address in [item for item, result in _owners.items() if result is owner]:
@@ -127,7 +127,7 @@ def _close_all() -> None:
                 _log.exception('%s:%d was not closed properly', host, port)
 
 
-def _forget() -> None:
+def _close_in_child() -> None:
     """Close the parent's sockets in a forked child, whose copies would keep them open."""
     global _lock  # a thread of the parent may hold it
     _lock = threading.Lock()
@@ -141,4 +141,4 @@ def _forget() -> None:
 
 
 if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(after_in_child=_forget)
+    os.register_at_fork(after_in_child=_close_in_child)

@@ -56,7 +56,7 @@ class Target:
     pose: Array
     in_tool: bool = False
 
-    def seen_from(self, tool: Array) -> Array:
+    def in_base_link(self, tool: Array) -> Array:
         """Return the pose in base_link. tool: the pose of the tool at the start, shape (4, 4)."""
         return np.asarray(tool @ self.pose) if self.in_tool else self.pose
 
@@ -113,22 +113,24 @@ class Frames:
         if name in (BASE_LINK, BASE, TOOL):
             raise ValueError(f'name = {name!r}: this frame is built in, use another name')
         checked = checked_pose('pose', pose)
-        self._poses[name] = self._pose_of(_usual(parent, pose), 'parent', []) @ checked
+        self._poses[name] = self._pose_of(_frame_of(parent, pose), 'parent', []) @ checked
 
     def target(self, field: str, pose: Pose, frame: str | None) -> Target:
         """Return a pose in a frame as a Target. Raises ValueError if pose or frame is invalid.
 
         frame: None selects base_link, or EPSON's world if the pose is an EpsonPoint.
         """
-        return self._placed(checked_pose(field, pose), _usual(frame, pose), field)
+        return self._placed(checked_pose(field, pose), _frame_of(frame, pose), field)
 
     def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
         """Return a point, x y z in m, as a Target whose orientation has no meaning.
 
         frame: as in `target` for `pose`. Raises ValueError if point or frame is invalid.
         """
-        place = homogeneous(np.eye(3), checked_point(field, xyz))
-        return self._placed(place, _usual(frame, pose), field)
+        place = finite_numbers(field, xyz)
+        if place.shape != (3,):
+            raise ValueError(f'{field} has shape {place.shape}: must be (3,), x y z in m')
+        return self._placed(homogeneous(np.eye(3), place), _frame_of(frame, pose), field)
 
     def pose_in(self, pose: Array, frame: str) -> Array:
         """Convert a pose from base_link to a frame. Raises ValueError if the frame is unknown."""
@@ -159,14 +161,6 @@ class Frames:
             )
 
 
-def checked_point(field: str, values: npt.ArrayLike) -> Array:
-    """Return three numbers as an array. Raises ValueError if they are not three finite numbers."""
-    array = finite_numbers(field, values)
-    if array.shape != (3,):
-        raise ValueError(f'{field} has shape {array.shape}: must be (3,), x y z in m')
-    return array
-
-
 def checked_pose(field: str, values: Pose) -> Array:
     """Return a pose as a homogeneous matrix, shape (4, 4), m. Raises ValueError if invalid."""
     if isinstance(values, EpsonPoint):
@@ -188,8 +182,8 @@ def checked_pose(field: str, values: Pose) -> Array:
         raise ValueError(
             f'{field}: must be a rotation and a position, with 0 0 0 1 in its last row'
         )
-    left, _, right = np.linalg.svd(turn)
-    return homogeneous(left @ right, array[:3, 3])
+    u, _, vt = np.linalg.svd(turn)
+    return homogeneous(u @ vt, array[:3, 3])
 
 
 def is_pose(values: Pose, joints: int) -> bool:
@@ -209,7 +203,7 @@ _LIMITS = {
 }
 
 
-def _usual(frame: str | None, pose: Pose) -> str:
+def _frame_of(frame: str | None, pose: Pose) -> str:
     """Return the frame of a pose. Default: EPSON's world for an EpsonPoint, else base_link."""
     if frame is not None:
         return frame

@@ -48,7 +48,7 @@ class Recording(Unique):
         self.joint_names = joint_names
         self._period = period
         self._rows: list[tuple[float, Array]] = []
-        self._begin = self._next = 0.0
+        self._start = self._next = 0.0
         self._stop: Callable[[], None] = lambda: None
 
     def __len__(self) -> int:
@@ -102,7 +102,7 @@ class Recording(Unique):
         )
         return result
 
-    def begin(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
+    def start(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
         """Start recording. `add` registers a callback and returns a function that removes it."""
         self._stop = add(self._take)
 
@@ -133,16 +133,16 @@ class Recording(Unique):
         resting = np.all(np.abs(velocities) < rest, axis=1)
         resting[[0, -1]] = True
         velocities[resting] = 0.0
-        ends = np.flatnonzero(np.diff(resting))  # the last sample of a rest, and of a motion
-        start = int(ends[0]) if len(ends) else 0
-        anchors = {start, len(times) - 1, *(ends + resting[ends + 1])[1:].tolist()}
-        kept = _corners(times, positions / near, sorted(anchors))
-        times, way, velocities = times[kept], positions[kept], velocities[kept]
-        for index in range(1, len(way)):  # keep the arm at rest instead of letting it creep
+        changes = np.flatnonzero(np.diff(resting))  # the last sample of a rest, and of a motion
+        start = int(changes[0]) if len(changes) else 0
+        anchors = {start, len(times) - 1, *(changes + resting[changes + 1])[1:].tolist()}
+        indices = _corners(times, positions / near, sorted(anchors))
+        times, path, velocities = times[indices], positions[indices], velocities[indices]
+        for index in range(1, len(path)):  # keep the arm at rest instead of letting it creep
             pair = slice(index - 1, index + 1)
-            if not velocities[pair].any() and (np.abs(np.diff(way[pair], axis=0)) < near).all():
-                way[index] = way[index - 1]
-        return Trajectory(limits.names, (times - times[0]) / speed, way, velocities * speed)
+            if not velocities[pair].any() and (np.abs(np.diff(path[pair], axis=0)) < near).all():
+                path[index] = path[index - 1]
+        return Trajectory(limits.names, (times - times[0]) / speed, path, velocities * speed)
 
     def _check_any(self) -> None:
         if not self._rows:
@@ -150,8 +150,8 @@ class Recording(Unique):
 
     def _take(self, sample: 'JointSample') -> None:
         if not self._rows:
-            self._begin = sample.measured
-        time = sample.measured - self._begin
+            self._start = sample.measured
+        time = sample.measured - self._start
         if time < self._next - self._period / 4.0:
             return
         self._next = max(self._next + self._period, time + max(self._period / 2.0, 1e-3))
@@ -165,19 +165,19 @@ def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
 
     A polyline through these rows is at most 1 away from every row.
     """
-    kept, open_parts = set(anchors), list(pairwise(anchors))
+    indices, open_parts = set(anchors), list(pairwise(anchors))
     while open_parts:
         first, last = open_parts.pop()
         if last - first < 2:
             continue
         fraction = (times[first + 1 : last] - times[first]) / (times[last] - times[first])
-        way = rows[first] + fraction[:, None] * (rows[last] - rows[first])
-        away = np.abs(rows[first + 1 : last] - way).max(axis=1)
+        path = rows[first] + fraction[:, None] * (rows[last] - rows[first])
+        away = np.abs(rows[first + 1 : last] - path).max(axis=1)
         if away.max() > 1.0:
             middle = first + 1 + int(away.argmax())
-            kept.add(middle)
+            indices.add(middle)
             open_parts += [(first, middle), (middle, last)]
-    return np.array(sorted(kept))
+    return np.array(sorted(indices))
 
 
 def _slopes(times: Array, positions: Array) -> Array:

@@ -69,7 +69,7 @@ class Settings:
 _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
-def given_values(
+def parameter_values(
     settings: Settings, host: str, controller: str, model: str, **ports: int | None
 ) -> dict[str, Any]:
     """Return the settings and the arguments of a Robot by ROS parameter name.
@@ -78,8 +78,13 @@ def given_values(
     argument is invalid.
     """
     values: dict[str, Any] = {}
-    there = {name: port for name, port in ports.items() if port is not None}
-    for name, value in {'host': host, 'controller': controller, 'model': model, **there}.items():
+    given_ports = {name: port for name, port in ports.items() if port is not None}
+    for name, value in {
+        'host': host,
+        'controller': controller,
+        'model': model,
+        **given_ports,
+    }.items():
         row = ROWS[ARGUMENTS.get(name, name)]
         row.allowed.checked(value, name)
         values[row.name] = value

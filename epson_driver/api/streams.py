@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods of a Robot that send streams of setpoints to the driver's servo.
 
-Invalid setpoints are reported to the servo, too. After a stop it requires a pause in the stream
-before it follows again, and a program that sends invalid setpoints has not paused.
+After a stop, the servo only follows again after a pause in the stream. Invalid setpoints are also
+reported to it, because a program that sends them has not paused.
 """
 
 import asyncio
@@ -55,18 +55,18 @@ class Streams(Arm):
         limits = self.model.limits
         with self._received() as servo:
             joints = joint_rows('target', target, limits, rows=False)
-            given = None
+            values = None
             if velocities is not None:
-                given = joint_rows('velocities', velocities, limits, rows=False)
-            self._take(servo, joints, given)
+                values = joint_rows('velocities', velocities, limits, rows=False)
+            self._take(servo, joints, values)
 
     @checked_arguments
     def servo_velocity(self, velocities: npt.ArrayLike) -> None:
         """Send a setpoint like `servo`: joint velocities, shape (n,), rad/s (m/s)."""
         with self._received() as servo:
-            given = joint_rows('velocities', velocities, self.model.limits, rows=False)
-            _check_possible(given, self.model.limits)
-            self._take(servo, velocities=given)
+            values = joint_rows('velocities', velocities, self.model.limits, rows=False)
+            _check_possible(values, self.model.limits)
+            self._take(servo, velocities=values)
 
     @checked_arguments
     def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
@@ -78,10 +78,10 @@ class Streams(Arm):
         arm, limits = self._hand[1], self.model.limits
         with self._received() as servo:
             near = self._commanded(servo)
-            wanted = self._frames.target('pose', pose, frame).seen_from(arm.forward(near))
-            result = arm.inverse(wanted, near)
+            target = self._frames.target('pose', pose, frame).in_base_link(arm.forward(near))
+            result = arm.inverse(target, near)
             if not len(result):
-                why = arm.why_unreachable(wanted) or 'out of reach'
+                why = arm.why_unreachable(target) or 'out of reach'
                 raise PathError(f'pose: {why}')
             jump = np.abs(result[0] - near)
             if jump.max() > MAX_JUMP_RAD:
@@ -103,10 +103,10 @@ class Streams(Arm):
         """
         arm = self._hand[1]
         with self._received() as servo:
-            wanted = finite_numbers('velocity', velocity)
-            if wanted.shape != (6,):
+            target = finite_numbers('velocity', velocity)
+            if target.shape != (6,):
                 raise ValueError(
-                    f'velocity has shape {wanted.shape}: must be (6,), x y z in m/s and the turn '
+                    f'velocity has shape {target.shape}: must be (6,), x y z in m/s and the turn '
                     'about x y z in rad/s'
                 )
             if frame not in (BASE_LINK, TOOL):
@@ -115,10 +115,10 @@ class Streams(Arm):
             jacobian = arm.jacobian(near)
             if frame == TOOL:
                 turn = arm.forward(near)[:3, :3]
-                wanted = np.concatenate([turn @ wanted[:3], turn @ wanted[3:]])
-            joints = np.linalg.lstsq(jacobian, wanted, rcond=1e-4)[0]
-            off = float(np.linalg.norm(jacobian @ joints - wanted))
-            if off > OFF_COURSE * float(np.linalg.norm(wanted)):
+                target = np.concatenate([turn @ target[:3], turn @ target[3:]])
+            joints = np.linalg.lstsq(jacobian, target, rcond=1e-4)[0]
+            off = float(np.linalg.norm(jacobian @ joints - target))
+            if off > OFF_COURSE * float(np.linalg.norm(target)):
                 raise PathError(
                     'velocity: the tool cannot move that way here, at a singularity or for want '
                     'of a joint'

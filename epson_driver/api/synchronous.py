@@ -87,7 +87,7 @@ def calls(
     return _described(run, method)
 
 
-def hears(
+def registers(
     method: Callable[Concatenate[A_co, P], T],
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
     """Derive a method that registers a callback, which then runs in a separate thread."""
@@ -95,10 +95,10 @@ def hears(
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         add: Callable[..., T] = method
 
-        def wrap(each: object) -> object:  # the method rejects an argument that is not callable
-            return self._session.callbacks.wrap(each) if callable(each) else each
+        def wrap(argument: object) -> object:  # the method rejects other objects
+            return self._session.callbacks.wrap(argument) if callable(argument) else argument
 
-        named = {name: wrap(each) for name, each in kwargs.items()}
+        named = {name: wrap(argument) for name, argument in kwargs.items()}
         return add(self._awaited, *map(wrap, args), **named)
 
     return _described(run, method)
@@ -140,9 +140,9 @@ def makes(
             return function(first, make(*args, **kwargs))
 
         signature = inspect.signature(function)
-        (first, _), given = signature.parameters.values(), inspect.signature(make).parameters
+        (first, _), own = signature.parameters.values(), inspect.signature(make).parameters
         update_wrapper(run, function)
-        run.__signature__ = signature.replace(parameters=[first, *given.values()])  # type: ignore[attr-defined]
+        run.__signature__ = signature.replace(parameters=[first, *own.values()])  # type: ignore[attr-defined]
         return run
 
     return decorate

@@ -128,7 +128,7 @@ class CallbackThread:
         self._waiting: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         """Queued callbacks, or None to end the thread.
 
-        `put` of SimpleQueue is reentrant and never blocks, so a finalizer may call it anywhere.
+        `put` of SimpleQueue is reentrant and never blocks, so finalizers may call it.
         """
         self._thread: threading.Thread | None = None
 

@@ -55,7 +55,7 @@ def test_plausible_degrees_are_recognised():
 @pytest.mark.parametrize('name', ['speed', 'acceleration'])
 def test_error_for_an_invalid_fraction_starts_with_its_name(name, fraction):
     with pytest.raises(ValueError, match=rf'^{name} = '):
-        moves.check_shares(**{'speed': 1.0, 'acceleration': 1.0, name: fraction})
+        moves.check_speeds(**{'speed': 1.0, 'acceleration': 1.0, name: fraction})
 
 
 @pytest.mark.parametrize('name', ['move_joints', 'move_waypoints'])

@@ -95,7 +95,7 @@ robot.move_joints({FAR}, speed=0.02, wait=False)
 while robot.joints[0] < 0.01:
     pass
 """
-    assert 'leaving: the running motion ended: stopped on request, the arm is at rest' in output(
+    assert 'closing: the running motion ended: stopped on request, the arm is at rest' in output(
         program(code)
     )
 
