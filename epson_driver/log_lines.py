@@ -29,7 +29,7 @@ class LogThrottle:
     def __init__(self, burst: int = 1) -> None:
         self._saved = (burst - 1) * PERIOD_S
         self._next = float('-inf')
-        self._held = 0
+        self._suppressed = 0
 
     def passes(self, now: float) -> int | None:
         """Return the number of lines suppressed since the last one, or None to suppress this one.
@@ -38,21 +38,21 @@ class LogThrottle:
         """
         due = max(self._next, now - self._saved)
         if now < due:
-            self._held += 1
+            self._suppressed += 1
             return None
-        held, self._held = self._held, 0
+        suppressed, self._suppressed = self._suppressed, 0
         self._next = due + PERIOD_S
-        return held
+        return suppressed
 
     def line(self, text: str, now: float) -> str | None:
         """Return the line to log at time `now`, s, or None to suppress it."""
-        held = self.passes(now)
-        return None if held is None else counted(text, held)
+        suppressed = self.passes(now)
+        return None if suppressed is None else with_count(text, suppressed)
 
 
-def counted(text: str, held: int) -> str:
+def with_count(text: str, suppressed: int) -> str:
     """Return the line, followed by the number of lines suppressed before it, if any."""
-    return f'{text} (and {held} like it before)' if held else text
+    return f'{text} (and {suppressed} like it before)' if suppressed else text
 
 
 class PrintableFormatter(logging.Formatter):
@@ -64,11 +64,8 @@ class PrintableFormatter(logging.Formatter):
 
     def formatException(self, ei: object) -> str:  # noqa: N802 - logging's name
         """Return the traceback as printable lines."""
-        return _printable_lines(super().formatException(ei))  # type: ignore[arg-type]
-
-
-def _printable_lines(text: str) -> str:
-    return '\n'.join(map(printable, text.split('\n')))
+        lines = super().formatException(ei).split('\n')  # type: ignore[arg-type]
+        return '\n'.join(map(printable, lines))
 
 
 BURST_LINES = 20
@@ -90,7 +87,7 @@ class StderrLog(logging.Handler):
         super().__init__()
         self.setFormatter(PrintableFormatter('%(asctime)s %(levelname)s %(message)s'))
         self._clock = clock
-        self._paces: dict[tuple[str, int], LogThrottle] = {}
+        self._throttles: dict[tuple[str, int], LogThrottle] = {}
         self._lines: queue.Queue[bytes | None] = queue.Queue(_MAX_WAITING_LINES)
         self._thread = threading.Thread(target=self._write, name='stderr log', daemon=True)
         self._thread.start()
@@ -98,12 +95,12 @@ class StderrLog(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Queue the line for the thread, or drop it if the rate limit or the queue is exceeded."""
         where = (record.pathname, record.lineno)
-        if where not in self._paces:
-            self._paces[where] = LogThrottle(BURST_LINES)
-        held = self._paces[where].passes(self._clock())
-        if held is None:
+        if where not in self._throttles:
+            self._throttles[where] = LogThrottle(BURST_LINES)
+        suppressed = self._throttles[where].passes(self._clock())
+        if suppressed is None:
             return
-        line = counted(self.format(record), held)
+        line = with_count(self.format(record), suppressed)
         with suppress(queue.Full):
             self._lines.put_nowait(line.encode(errors='replace') + b'\n')
 

@@ -110,7 +110,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
     In .pts files, hand 1 is right and 2 left, elbow 1 is above and 2 below. Wrist 1 is the home
     pose with the tool down, 2 is flipped. These values come from public .pts files and from
     programs that write such files. They were not checked on a controller. Raises ValueError if
-    these sources disagree, or contain no such arm.
+    these sources disagree about this arm or do not contain it.
     """
     low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
     if not low <= joints[0] <= high:
@@ -158,7 +158,7 @@ def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
 
 
 def _half_turns(angle: float) -> int:
-    """Return the number of complete half turns in an angle, rad: 0 up to ±π, 1 up to ±2π."""
+    """Return the number of additional half turns of an angle, rad: 0 up to ±π, 1 up to ±2π."""
     return max(ceil(abs(angle) / pi) - 1, 0)
 
 
@@ -178,7 +178,7 @@ _ONLY_PLACE = '448'
 
 
 @dataclass(frozen=True)
-class _Held:
+class _StoredPoint:
     """A named point. point: None if only the label exists. number, block: from a .pts file.
 
     posture: of the arm when the point was taught, or why it is unknown. None: as in the block.
@@ -197,7 +197,7 @@ class TaughtPoints:
     """Taught points. Names are case-insensitive. P and a number also identify a point: `P3`."""
 
     def __init__(self) -> None:
-        self._points: dict[str, _Held] = {}
+        self._points: dict[str, _StoredPoint] = {}
         self._file: tuple[bytes, Block] | None = None
         self._changed = False
 
@@ -206,12 +206,10 @@ class TaughtPoints:
 
         Raises KeyError if it does not exist, InputError if it has no position or is unusable.
         """
-        held = self._find(name)
-        if held is None:
-            raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
-        if held.point is None or held.why:
-            raise InputError(f'point {name} {held.why or "is not taught yet"}')
-        return held.point
+        stored = self._existing(name)
+        if stored.point is None or stored.why:
+            raise InputError(f'point {name} {stored.why or "is not taught yet"}')
+        return stored.point
 
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
         """Set or add a point. taught: the arm's posture at the point, or why it is unknown.
@@ -220,32 +218,29 @@ class TaughtPoints:
         """
         if not isinstance(point, EpsonPoint):
             raise InputError(f'point {name} = {shown(point)}: must be an EpsonPoint')
-        held = self._find(name)
-        if held is None:
+        stored = self._find(name)
+        if stored is None:
             if not isinstance(name, str) or not _NAME.fullmatch(name):
                 raise InputError(
                     f'name = {shown(name)}: must be a word of letters, digits and _, not P and a '
                     'number'
                 )
-            held = _Held(name, None)
-        if held.why:
-            raise InputError(f'point {name} {held.why}')
-        self._points[held.name.lower()] = replace(
-            held, point=point, posture=held.posture if taught is None else taught
+            stored = _StoredPoint(name, None)
+        if stored.why:
+            raise InputError(f'point {name} {stored.why}')
+        self._points[stored.name.lower()] = replace(
+            stored, point=point, posture=stored.posture if taught is None else taught
         )
         self._changed = True
 
     def remove(self, name: str) -> None:
         """Delete a point. Raises KeyError if it does not exist."""
-        held = self._find(name)
-        if held is None:
-            raise KeyError(name)
-        del self._points[held.name.lower()]
+        del self._points[self._existing(name).name.lower()]
         self._changed = True
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names."""
-        return iter([held.name for held in self._points.values()])
+        return iter([stored.name for stored in self._points.values()])
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -258,8 +253,8 @@ class TaughtPoints:
     @property
     def places(self) -> dict[str, EpsonPoint]:
         """The points that have a usable position, by name."""
-        held = self._points.values()
-        return {item.name: item.point for item in held if item.point and not item.why}
+        stored = self._points.values()
+        return {item.name: item.point for item in stored if item.point and not item.why}
 
     def load(self, path: str | PathLike[str]) -> int:
         """Replace all points by those in a .pts or .yaml file, and return their number.
@@ -289,7 +284,13 @@ class TaughtPoints:
             raise InputError(f'{printable(file)}: must be a .pts or a .yaml file')
         write_file(file, content)
 
-    def _find(self, name: str) -> _Held | None:
+    def _existing(self, name: str) -> _StoredPoint:
+        stored = self._find(name)
+        if stored is None:
+            raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
+        return stored
+
+    def _find(self, name: str) -> _StoredPoint | None:
         if not isinstance(name, str):
             raise InputError(f'name = {shown(name)}: must be a word')
         low = name.lower()
@@ -306,19 +307,22 @@ class TaughtPoints:
             items = [
                 element for element in self._file[1].items if not _is_point_or_header(element)
             ]
-        taken = {held.number for held in self._points.values()}
-        free = (number for number in range(LAST_NUMBER + 1) if number not in taken)
+        used = {stored.number for stored in self._points.values()}
+        free = (number for number in range(LAST_NUMBER + 1) if number not in used)
         numbered = []
-        for held in self._points.values():
-            number = held.number if held.number >= 0 else next(free, LAST_NUMBER + 1)
+        for stored in self._points.values():
+            number = stored.number if stored.number >= 0 else next(free, LAST_NUMBER + 1)
             if number > LAST_NUMBER:
                 raise InputError(f'{len(self)} points: a .pts file has {LAST_NUMBER + 1}')
-            numbered.append((number, held))
+            numbered.append((number, stored))
         count = str(len(numbered))
-        items = [('nNumberOfPoints', count) if _is_count(item) else item for item in items]
+        items = [
+            item if isinstance(item, Block) or item[0] != 'nNumberOfPoints' else (item[0], count)
+            for item in items
+        ]
         blocks = [
-            replace(_block(number, held), name=f'Point{turn}')
-            for turn, (number, held) in enumerate(sorted(numbered, key=_number), 1)
+            replace(_block(number, point), name=f'Point{index}')
+            for index, (number, point) in enumerate(sorted(numbered, key=lambda item: item[0]), 1)
         ]
         return sealed(Block('', [*items, *blocks]), datetime.now(UTC)).encode('latin-1')
 
@@ -329,46 +333,40 @@ def _is_point_or_header(item: Any) -> bool:
     return bool(item[0] == '')
 
 
-def _number(numbered: tuple[int, _Held]) -> int:
-    return numbered[0]
-
-
-def _is_count(item: Any) -> bool:
-    return isinstance(item, tuple) and item[0] == 'nNumberOfPoints'
-
-
-def _block(number: int, held: _Held) -> Block:
+def _block(number: int, stored: _StoredPoint) -> Block:
     """Return a point as a block of a .pts file.
 
     Raises InputError if its posture is unknown or its name is too long.
     """
-    old, known = held.block, held.posture
-    if old is not None and known is None and held.point in (None, _place(old)):
+    old, arm_posture = stored.block, stored.posture
+    if old is not None and arm_posture is None and stored.point in (None, _place(old)):
         return old
-    placed = old is not None and not int(old.number('nUndefined')) & _NO_PLACE
-    if known is None and not placed:
-        known = 'a .pts file needs the posture of the arm, which is known only when taught'
-    if isinstance(known, str):
-        raise InputError(f'point {held.name}: {known}: save a .yaml file, or teach it in RC+')
-    if len(held.name) > MAX_LABEL_CHARACTERS:
+    has_position = old is not None and not int(old.number('nUndefined')) & _NO_PLACE
+    if arm_posture is None and not has_position:
+        arm_posture = 'a .pts file needs the posture of the arm, which is known only when taught'
+    if isinstance(arm_posture, str):
         raise InputError(
-            f'point {held.name}: a label of RC+ has at most {MAX_LABEL_CHARACTERS} characters'
+            f'point {stored.name}: {arm_posture}: save a .yaml file, or teach it in RC+'
         )
-    point = held.point or EpsonPoint(0.0, 0.0, 0.0)
+    if len(stored.name) > MAX_LABEL_CHARACTERS:
+        raise InputError(
+            f'point {stored.name}: a label of RC+ has at most {MAX_LABEL_CHARACTERS} characters'
+        )
+    point = stored.point or EpsonPoint(0.0, 0.0, 0.0)
     values = (point.x, point.y, point.z, point.u, point.v, point.w)
     axes = {f'r{axis}': f'{value:.3f}' for axis, value in zip(_AXES, values, strict=True)}
-    flags = {key: str((known or {}).get(key, 0)) for key in _FLAGS}
+    flags = {key: str((arm_posture or {}).get(key, 0)) for key in _FLAGS}
     if old is not None:
         new = {key: text for key, text in axes.items() if text != f'{old.number(key):.3f}'}
-        new |= flags if known else {}
-        if not placed:
+        new |= flags if arm_posture else {}
+        if not has_position:
             new['nUndefined'] = _ONLY_PLACE
         items = [
             (item[0], new.get(item[0], item[1])) if isinstance(item, tuple) else item
             for item in old.items
         ]
         return Block(old.name, items)
-    first = {'nNumber': str(number), 'sLabel': quoted(held.name), 'sDescription': '""'}
+    first = {'nNumber': str(number), 'sLabel': quoted(stored.name), 'sDescription': '""'}
     first['nUndefined'] = _ONLY_PLACE
     rest = {'rR': '0', 'rS': '0', 'rT': '0', 'nLocal': '0'}
     last = {'rJ1Angle': '0', 'rJ4Angle': '0', 'bSimVisible': 'True'}
@@ -379,14 +377,14 @@ def _place(block: Block) -> EpsonPoint:
     return EpsonPoint(*(block.number(f'r{axis}') for axis in _AXES))
 
 
-_Read = tuple[dict[str, _Held], tuple[bytes, Block] | None]
+_Read = tuple[dict[str, _StoredPoint], tuple[bytes, Block] | None]
 
 
 def _from_pts(file: Path) -> _Read:
     """Read a .pts file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     content = read_file(file, MAX_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
-    points: dict[str, _Held] = {}
+    points: dict[str, _StoredPoint] = {}
     for block in top.blocks('Point'):
         number = int(block.number('nNumber', -1))
         if not 0 <= number <= LAST_NUMBER:
@@ -400,7 +398,7 @@ def _from_pts(file: Path) -> _Read:
         place = None if int(block.number('nUndefined')) & _NO_PLACE else _place(block)
         local = int(block.number('nLocal'))
         why = f'is in local {local} of the controller, which is unknown' if local else ''
-        points[name.lower()] = _Held(name, place, number, block, why=why)
+        points[name.lower()] = _StoredPoint(name, place, number, block, why=why)
     return points, (content, top)
 
 
@@ -409,14 +407,14 @@ def _from_yaml(file: Path) -> _Read:
     data = read_yaml(file)
     if not isinstance(data, dict):
         raise InputError(f'{printable(file)}: must be a mapping of names to points')
-    points: dict[str, _Held] = {}
+    points: dict[str, _StoredPoint] = {}
     for name, values in data.items():
         if not _NAME.fullmatch(name) or name.lower() in points:
             raise InputError(f'{printable(file)}: {shown(name)} must be a unique name of a point')
         if not isinstance(values, dict) or not {'x', 'y', 'z'} <= set(values) <= set('xyzuvw'):
             raise InputError(f'{printable(file)}: {name}: must have x, y, z, and may have u, v, w')
         try:
-            points[name.lower()] = _Held(name, EpsonPoint(**values))
+            points[name.lower()] = _StoredPoint(name, EpsonPoint(**values))
         except ValueError as error:
             raise InputError(f'{printable(file)}: {name}: {error}') from error
     return points, None
@@ -429,11 +427,11 @@ _READERS: dict[str, Callable[[Path], _Read]] = {
 }
 
 
-def _yaml_line(held: _Held) -> str:
+def _yaml_line(stored: _StoredPoint) -> str:
     """Return a point as a line of YAML. Raises InputError if it has no name or position."""
-    if held.point is None or held.why or not _NAME.fullmatch(held.name):
-        why = held.why or ('has no label' if held.point else 'is not taught yet')
-        raise InputError(f'point {held.name} {why}: it cannot be saved as .yaml')
-    point = held.point
+    if stored.point is None or stored.why or not _NAME.fullmatch(stored.name):
+        why = stored.why or ('has no label' if stored.point else 'is not taught yet')
+        raise InputError(f'point {stored.name} {why}: it cannot be saved as .yaml')
+    point = stored.point
     values = ', '.join(f'{axis}: {float(getattr(point, axis))!r}' for axis in 'xyzuvw')
-    return f'{held.name}: {{{values}}}\n'
+    return f'{stored.name}: {{{values}}}\n'

@@ -32,7 +32,7 @@ FORM = (
     'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
     'nanosec: 0}}, …]'
 )
-"""Required content of a file, for the error text about an empty one."""
+"""Description of the required content, for the error text about an empty file."""
 
 _SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
@@ -51,8 +51,8 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     file = printable(path)
     if data is None:
         raise InputError(f'{file}: is empty: {FORM}')
-    names = JOINT_NAMES.checked(_held(data, 'joint_names', file), f'{file}: joint_names')
-    points = _held(data, 'points', file)
+    names = JOINT_NAMES.checked(_field(data, 'joint_names', file), f'{file}: joint_names')
+    points = _field(data, 'points', file)
     if not isinstance(points, list):
         raise InputError(f'{file}: points = {shown(points)}: must be a list')
     if not points:
@@ -60,7 +60,9 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     joints = len(names)
     return Trajectory(
         names,
-        np.array([_time(point, f'{file}: point {at}', timed) for at, point in enumerate(points)]),
+        np.array(
+            [_time(point, f'{file}: point {index}', timed) for index, point in enumerate(points)]
+        ),
         _table(points, 'positions', joints, file),
         _optional(points, 'velocities', joints, file),
         _optional(points, 'accelerations', joints, file),
@@ -83,21 +85,21 @@ def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
     for index, time in enumerate(trajectory.times.tolist()):
         sec, nanosec = divmod(round(time * 1e9), 10**9)
         lines += [
-            f'- positions: {_written(trajectory.positions, index)}',
-            f'  velocities: {_written(trajectory.velocities, index)}',
-            f'  accelerations: {_written(trajectory.accelerations, index)}',
+            f'- positions: {_row_text(trajectory.positions, index)}',
+            f'  velocities: {_row_text(trajectory.velocities, index)}',
+            f'  accelerations: {_row_text(trajectory.accelerations, index)}',
             '  effort: []',
             f'  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}',
         ]
     write_file(path, '\n'.join(lines) + '\n')
 
 
-def _written(values: Array | None, index: int) -> str:
+def _row_text(values: Array | None, index: int) -> str:
     row = [] if values is None else values[index].round(9).tolist()
     return f'[{", ".join(str(value + 0.0) for value in row)}]'  # + 0.0: no minus zero
 
 
-def _held(block: Any, key: str, where: str) -> Any:
+def _field(block: Any, key: str, where: str) -> Any:
     if not isinstance(block, dict):
         raise InputError(f'{where} = {shown(block)}: must be a mapping like a JointTrajectory')
     if key not in block:
@@ -108,13 +110,13 @@ def _held(block: Any, key: str, where: str) -> Any:
 def _time(point: Any, where: str, timed: bool) -> float:
     if not timed and isinstance(point, dict) and 'time_from_start' not in point:
         return 0.0
-    duration = _held(point, 'time_from_start', where)
+    duration = _field(point, 'time_from_start', where)
     where += '.time_from_start'
     if not isinstance(duration, dict):
         seconds_alone: float = _DURATION.checked(duration, where)
         return seconds_alone
-    seconds: int = _SECONDS.checked(_held(duration, 'sec', where), f'{where}.sec')
-    rest: int = _NANOSECONDS.checked(_held(duration, 'nanosec', where), f'{where}.nanosec')
+    seconds: int = _SECONDS.checked(_field(duration, 'sec', where), f'{where}.sec')
+    rest: int = _NANOSECONDS.checked(_field(duration, 'nanosec', where), f'{where}.nanosec')
     return seconds + rest * 1e-9
 
 
@@ -125,14 +127,14 @@ def _optional(points: list[Any], key: str, joints: int, file: str) -> Array | No
 
 def _table(points: list[Any], key: str, joints: int, file: str) -> Array:
     return np.array(
-        [_row(point, key, joints, f'{file}: point {at}') for at, point in enumerate(points)]
+        [_row(point, key, joints, f'{file}: point {index}') for index, point in enumerate(points)]
     )
 
 
 def _row(point: Any, key: str, joints: int, where: str) -> list[float]:
-    row = _held(point, key, where)
+    row = _field(point, key, where)
     if not isinstance(row, list):
         raise InputError(f'{where}: {key} = {shown(row)}: must be a list of numbers')
     if len(row) != joints:
         raise InputError(f'{where}: {len(row)} {key}, {joints} joints')
-    return [_VALUE.checked(value, f'{where}: {key}[{at}]') for at, value in enumerate(row)]
+    return [_VALUE.checked(value, f'{where}: {key}[{index}]') for index, value in enumerate(row)]

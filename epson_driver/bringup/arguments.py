@@ -168,32 +168,29 @@ def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
 
     `defaults`: values that replace the table's defaults, by argument name.
     """
-    return [_keywords(_ROWS[name], defaults.get(name)) for name in names]
+    return [
+        {
+            'name': row.name,
+            'default_value': defaults.get(row.name, row.default),
+            'description': row.description,
+        }
+        | ({'choices': list(row.choices)} if row.choices else {})  # launch refuses an empty list
+        for row in map(_ROWS.__getitem__, names)
+    ]
 
 
-def misspelled_arguments(given: Iterable[str]) -> list[str]:
+def misspelled_arguments(names: Iterable[str]) -> list[str]:
     """Return a warning for each name that resembles an argument of this package's launch files.
 
-    `given`: the names of all launch configurations. Other unknown names are not reported, because
+    `names`: of all launch configurations. Other unknown names are not reported, because
     they may belong to a launch file that includes one of this package.
     """
-    result = ((name, near_name(name, _ROWS)) for name in given if name not in _ROWS)
+    result = ((name, near_name(name, _ROWS)) for name in names if name not in _ROWS)
     return [
         f'launch argument {name}: it is unknown, did you mean {near}?'
         for name, near in result
         if near is not None
     ]
-
-
-def _keywords(row: Argument, default: str | None = None) -> dict[str, Any]:
-    keywords: dict[str, Any] = {
-        'name': row.name,
-        'default_value': row.default if default is None else default,
-        'description': row.description,
-    }
-    if row.choices:  # launch refuses an empty list
-        keywords['choices'] = list(row.choices)
-    return keywords
 
 
 def end_launch(name: str) -> Callable[[Any, Any], list[Any]]:

@@ -33,7 +33,7 @@ INTERFACE = (
 DESCRIPTION = ('parent', 'origin_xyz', 'origin_rpy')
 """Arguments of every launch file that publishes the robot's description."""
 
-GIVEN = ('robot_ip', 'robot_model', 'controller', 'interface')
+FORWARDED = ('robot_ip', 'robot_model', 'controller', 'interface')
 """Arguments that are passed to the client as parameters of the same name, if not empty."""
 
 DEFAULT_MODEL = 'c3_a601s'
@@ -65,10 +65,9 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
         parameters['frame_id'] = prefix + 'base_link'
     if values['robot_ip']:
         HOST.checked(values['robot_ip'], _where('robot_ip'))
-    parameters |= {name: values[name] for name in GIVEN if values[name]}
-    ports = _ports(values, resolved)
-    given = {name: port for name, port in ports.items() if port}
-    return parameters | {name: _port(name, port) for name, port in given.items()}
+    parameters |= {name: values[name] for name in FORWARDED if values[name]}
+    ports = _ports(values, resolved).items()
+    return parameters | {name: _port(name, port) for name, port in ports if port}
 
 
 def effective(values: Mapping[str, str]) -> dict[str, str]:
@@ -78,11 +77,15 @@ def effective(values: Mapping[str, str]) -> dict[str, str]:
     exceptions of `file_parameters`.
     """
     path = values['params_file']
-    message = file_parameters(path, values['namespace']) if path else {}
-    names = (*GIVEN, *PORTS)
-    own = {name: str(message[name]) for name in names if not values.get(name) and name in message}
-    model = own.get('robot_model') or values['robot_model'] or DEFAULT_MODEL
-    return dict(values) | own | {'robot_model': model}
+    file_values = file_parameters(path, values['namespace']) if path else {}
+    names = (*FORWARDED, *PORTS)
+    defaults = {
+        name: str(file_values[name])
+        for name in names
+        if not values.get(name) and name in file_values
+    }
+    model = defaults.get('robot_model') or values['robot_model'] or DEFAULT_MODEL
+    return dict(values) | defaults | {'robot_model': model}
 
 
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
@@ -93,18 +96,18 @@ def controller_arguments(values: Mapping[str, str]) -> list[str]:
     exceptions of `file_parameters`.
     """
     values = effective(values)
-    words = ['--robot', values['robot_model']]
+    arguments = ['--robot', values['robot_model']]
     controller = values['controller']
     if not (controller and load_controller_profile(controller).spel.project):
-        words += ['--motion', values['sim_motion']]
+        arguments += ['--motion', values['sim_motion']]
     if values['robot_ip']:
-        words += ['--host', values['robot_ip']]
+        arguments += ['--host', values['robot_ip']]
     if controller:
-        words += ['--controller', controller]
+        arguments += ['--controller', controller]
     for name, port in _ports(values, values).items():
         if port:
-            words += ['--' + name.replace('_', '-'), str(_port(name, port))]
-    return words
+            arguments += ['--' + name.replace('_', '-'), str(_port(name, port))]
+    return arguments
 
 
 def _ports(values: Mapping[str, str], resolved: Mapping[str, str]) -> dict[str, str]:

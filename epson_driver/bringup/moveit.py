@@ -19,7 +19,7 @@ from epson_driver.share import share_file, share_folder
 JOINTS_OF_A_FREE_TOOL = 6
 """Minimum number of joints for any tool orientation. With fewer, KDL solves for position only."""
 
-MARGIN_SHARE = 0.05
+MARGIN_FRACTION = 0.05
 """Maximum margin of MoveIt Servo at each joint limit, as a fraction of the joint's range. It
 reduces the margin of joints with a short range, such as a SCARA's shaft."""
 
@@ -95,7 +95,7 @@ def servo_parameters(model: str) -> dict[str, Any]:
     robot = load_robot_model(model)
     (margin,) = parameters['moveit_servo']['joint_limit_margins']
     ranges = robot.limits.position_max - robot.limits.position_min
-    margins = [min(margin, round(MARGIN_SHARE * item, 4)) for item in ranges.tolist()]
+    margins = [min(margin, round(MARGIN_FRACTION * item, 4)) for item in ranges.tolist()]
     parameters['moveit_servo']['joint_limit_margins'] = margins
     lower, stop = singularity_thresholds(robot)
     parameters['moveit_servo']['lower_singularity_threshold'] = lower
@@ -171,8 +171,8 @@ def _kinematics(model: RobotModel) -> str:
 
 def _planner(name: str, model: RobotModel) -> dict[str, Any]:
     values = _load(f'{name}_planning.yaml')
-    cuts_corners = name == 'ompl' and not _free_tool(model)
-    return values | {'totg': {'path_tolerance': SCARA_CORNERS}} if cuts_corners else values
+    relaxed = name == 'ompl' and not _free_tool(model)
+    return values | {'totg': {'path_tolerance': SCARA_CORNERS}} if relaxed else values
 
 
 def _text(values: dict[str, Any]) -> str:

@@ -116,22 +116,22 @@ def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
     path = values['params_file']
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: no such file')
-    there = [
+    available = [
         name.removesuffix(f'/{NODE_NAME}').strip('/')
         for name in node_sections(Path(path))
         if name.endswith(f'/{NODE_NAME}') and '*' not in name
     ]
-    names = _words(values['robots']) if values['robots'] else there
-    lacking = [name for name in names if name not in there]
-    if lacking or not names:
-        which = lacking[0] if lacking else 'robot'
+    names = _words(values['robots']) if values['robots'] else available
+    missing = [name for name in names if name not in available]
+    if missing or not names:
+        which = missing[0] if missing else 'robot'
         raise BringupError(
             f'launch argument robots: no {which} in {path}, only '
-            f'{", ".join(there) or "none"} (sections /NAME/{NODE_NAME})'
+            f'{", ".join(available) or "none"} (sections /NAME/{NODE_NAME})'
         )
-    given = dict.fromkeys(EACH, '') | {'origin_xyz': '0 0 0', 'origin_rpy': '0 0 0'}
+    arguments = dict.fromkeys(EACH, '') | {'origin_xyz': '0 0 0', 'origin_rpy': '0 0 0'}
     lists = {'namespaces': ','.join(names), 'robot_ips': ',' * (len(names) - 1)}
-    return [robot | {'params_file': path} for robot in several_robots(given | lists)]
+    return [robot | {'params_file': path} for robot in several_robots(arguments | lists)]
 
 
 def _words(text: str) -> list[str]:

@@ -53,10 +53,10 @@ def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
     """
     robot = load_robot_model(model)
     joints = [prefix + name for name in robot.joint_names]
-    behind = (PATH_TOLERANCE_S * SERVO_SCALE * robot.limits.velocity).round(3).tolist()
+    path_tolerances = (PATH_TOLERANCE_S * SERVO_SCALE * robot.limits.velocity).round(3).tolist()
     constraints = {
-        name: {'trajectory': way, 'goal': GOAL_TOLERANCE[kind]}
-        for name, way, kind in zip(joints, behind, robot.joint_types, strict=True)
+        name: {'trajectory': tolerance, 'goal': GOAL_TOLERANCE[kind]}
+        for name, tolerance, kind in zip(joints, path_tolerances, robot.joint_types, strict=True)
     }
     return {'joints': joints, 'constraints': constraints}
 

@@ -128,7 +128,7 @@ _VOLTS = number(-100.0, 100.0)
 def _range(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InputError(f'{where} = {shown(value)}: must be two numbers, in V')
-    low, high = (_VOLTS.checked(held, f'{where}[{at}]') for at, held in enumerate(value))
+    low, high = (_VOLTS.checked(item, f'{where}[{index}]') for index, item in enumerate(value))
     if not low <= 0.0 <= high:
         raise InputError(f'{where} = {shown(value)}: must include 0 V')
     return low, high
@@ -140,14 +140,14 @@ def _safe(where: str, value: Any, profile: IoProfile) -> dict[Point, int]:
         raise InputError(f'{where} = {shown(value)}: {rule}')
     volts = number(*profile.analog_range)
     safe = {}
-    for name, held in value.items():
+    for name, setting in value.items():
         point = _output(where, name, profile)
         if point[0] is IoType.ANALOG_OUTPUT:
-            safe[point] = round(volts.checked(held, f'{where}.{name}') * MILLIVOLTS)
-        elif held in (0, 1):  # true and false are 1 and 0
-            safe[point] = int(held)
+            safe[point] = round(volts.checked(setting, f'{where}.{name}') * MILLIVOLTS)
+        elif setting in (0, 1):  # true and false are 1 and 0
+            safe[point] = int(setting)
         else:
-            raise InputError(f'{where}.{name} = {shown(held)}: must be 0 or 1')
+            raise InputError(f'{where}.{name} = {shown(setting)}: must be 0 or 1')
     return safe
 
 

@@ -103,9 +103,9 @@ class DownloadProfile:
 
 @dataclass(frozen=True, slots=True)
 class ProgramProfile:
-    """The program on the motion port: accepted messages and replies.
+    """The program that serves the motion port: accepted messages, replies, and driver defaults.
 
-    * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
+    * `kind`: 'points': JOINT_TRAJ_PT messages. 'motoman': Motoman's messages.
     * `interface`: default trajectory interface of a driver. 'statements': SPEL+ statements by
       Remote Ethernet, for a controller without a loaded program, which serves only that port.
     * `reply`: 'sequence': a JOINT_POSITION with the request's sequence number. 'header': only a
@@ -121,13 +121,13 @@ class ProgramProfile:
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
       also a longer one, and STOP may be sent as a topic. 'any': a message of any type that is long
       enough for the joints. Shorter messages are not answered.
-    * `special_sequences`: accepted negative sequence numbers. 'stop': only STOP, others are not
-      answered.
+    * `special_sequences`: accepted negative sequence numbers. 'all', or 'stop': only STOP, and
+      others are not answered.
     * `skip_first`: maximum distance of each joint from the arm's position, rad or m, at which the
       first point is skipped (0: never).
-    * `motors`: how a driver switches the motors and resets errors. 'remote_ethernet': if the port
-      is configured. 'restart': like that, but it stops main before and starts it afterwards.
-      'motoman': with Motoman's commands.
+    * `motors`: how a driver switches the motors and resets errors. 'none': not at all.
+      'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': likewise, but it
+      stops main before and starts it afterwards. 'motoman': by Motoman's commands.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
       parameters with these names, which select the points of a trajectory to send.
     * `setpoint_period`: default of a driver's parameter `servo.period`, the time between the
@@ -308,12 +308,12 @@ def _read(path: Path) -> dict[str, Any]:
     while True:
         data = read_yaml(path)
         file = printable(path)
-        real = os.path.realpath(path)
-        if real in read:
+        real_path = os.path.realpath(path)
+        if real_path in read:
             raise InputError(f'{file}: like = {shown(like)}: must not refer back to this file')
         if not isinstance(data, dict):
             raise InputError(f'{file}: the file = {shown(data)}: must be a mapping')
-        read.append(real)
+        read.append(real_path)
         layers.append(data)
         like = data.pop('like', None)
         if like is None:
@@ -334,10 +334,10 @@ def _merged(base: dict[str, Any], over: dict[str, Any], place: str = '') -> dict
     """Return a copy of `base` in which the values in `over` replace those of the same key."""
     merged = dict(base)
     for key, value in over.items():
-        held = base.get(key)
+        base_value = base.get(key)
         section = f'{place}{key}.'
-        if isinstance(held, dict) and isinstance(value, dict) and section in _SECTIONS:
-            merged[key] = _merged(held, value, section)
+        if isinstance(base_value, dict) and isinstance(value, dict) and section in _SECTIONS:
+            merged[key] = _merged(base_value, value, section)
         else:
             merged[key] = value
     return merged

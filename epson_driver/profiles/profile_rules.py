@@ -67,12 +67,12 @@ def _mapping(value: Any) -> dict[str, Any]:
 def _defines(value: Any) -> dict[str, str]:
     """Return #define lines by name, with numbers as texts and null as an empty text."""
     defines = {}
-    for name, given in _mapping(value).items():
-        if not isinstance(name, str) or isinstance(given, bool):
+    for name, definition in _mapping(value).items():
+        if not isinstance(name, str) or isinstance(definition, bool):
             raise TypeError
-        if not isinstance(given, str | int | float | None):
+        if not isinstance(definition, str | int | float | None):
             raise TypeError
-        defines[name] = '' if given is None else str(given)
+        defines[name] = '' if definition is None else str(definition)
     return defines
 
 
@@ -139,7 +139,7 @@ RULES: dict[str, Rule] = {
     'remote.password': _TEXT,
     'remote.clients': _CLIENTS,
 }
-"""Rule of each key, such as `motion.speed`. All keys are required."""
+"""Rules by full key, such as `motion.speed`. All keys are required."""
 
 
 def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
@@ -147,14 +147,14 @@ def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
 
     Raises InputError if a key is unknown, missing, or has an invalid value.
     """
-    left = dict(_flat(data, ''))
+    flat_values = dict(_flat(data, ''))
     values: dict[str, Any] = {}
-    for key in sorted(left.keys() - RULES.keys()):
+    for key in sorted(flat_values.keys() - RULES.keys()):
         raise InputError(f'{file}: {printable(key)} is not a key of a controller profile')
     for key, rule in RULES.items():
-        if key not in left:
+        if key not in flat_values:
             raise InputError(f'{file}: {key} is missing')
-        value = rule.checked(left[key], f'{file}: {key}')
+        value = rule.checked(flat_values[key], f'{file}: {key}')
         *sections, last = key.split('.')
         inner = values
         for section in sections:
