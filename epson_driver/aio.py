@@ -237,10 +237,7 @@ class Robot(Motions, Streams):
 
     @checked_arguments
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
-        """Register a callback for a new controller error, or None once it is cleared.
-
-        See `on_estop`.
-        """
+        """Register a callback for a new, or cleared (None), controller error. See `on_estop`."""
         return self._connection.changes.error.add(callback)
 
     @checked_arguments
@@ -256,10 +253,7 @@ class Robot(Motions, Streams):
 def _of(
     taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, Posture | str]]],
 ) -> tuple[EpsonPoint, Posture | str]:
-    """Call a method of a Robot and return its result.
-
-    Raises RobotError if the Robot no longer exists.
-    """
+    """Call a method of a Robot. Raises RobotError if the Robot no longer exists."""
     method = taught()
     if method is None:
         raise RobotError('the robot of these points no longer exists')

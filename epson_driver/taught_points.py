@@ -202,10 +202,7 @@ class TaughtPoints:
         self._changed = False
 
     def get(self, name: str) -> EpsonPoint:
-        """Return a point.
-
-        Raises KeyError if it does not exist, InputError if it has no position or is unusable.
-        """
+        """Return a point. Raises KeyError if it is unknown, InputError if it is unusable."""
         stored = self._existing(name)
         if stored.point is None or stored.why:
             raise InputError(f'point {name} {stored.why or "is not taught yet"}')
@@ -334,10 +331,7 @@ def _is_point_or_header(item: Any) -> bool:
 
 
 def _block(number: int, stored: _StoredPoint) -> Block:
-    """Return a point as a block of a .pts file.
-
-    Raises InputError if its posture is unknown or its name is too long.
-    """
+    """Return a point as a block of a .pts file. Raises InputError if it cannot be stored."""
     old, arm_posture = stored.block, stored.posture
     if old is not None and arm_posture is None and stored.point in (None, _place(old)):
         return old

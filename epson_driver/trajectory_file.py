@@ -70,10 +70,7 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
-    """Write a trajectory, with a comment line, as a file for `read_trajectory`.
-
-    Raises OSError if it cannot be written.
-    """
+    """Write a trajectory with a comment line. Raises OSError if it cannot be written."""
     lines = [
         f'# {comment}',
         'header:',

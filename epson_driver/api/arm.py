@@ -234,10 +234,7 @@ class Arm(Unique):
 
 
 def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.ArrayLike) -> 'Load':
-    """Return Weight and Inertia for the arguments of `Robot.set_payload`.
-
-    Raises ValueError if an argument is invalid.
-    """
+    """Convert the arguments of `Robot.set_payload`. Raises ValueError if one is invalid."""
     from epson_driver.driver.delivery.statements import Load
 
     weight = model.checked_payload(mass, 'mass')

@@ -288,10 +288,7 @@ class Connection:
     # --- the pose ---------------------------------------------------------------------------
 
     async def wait_for_fresh_state(self) -> float:
-        """Wait for fresh joints, at most FRESH_POSE_TIMEOUT_S.
-
-        Return the loop time, s, for which their age counts.
-        """
+        """Wait for fresh joints. Return the loop time, s, that their age is compared with."""
         driver = self.running
         return await wait_for_fresh_state(driver.robot.stale, self._received, FRESH_POSE_TIMEOUT_S)
 
@@ -385,10 +382,7 @@ class Connection:
         return motion
 
     def set_load(self, load: Load) -> None:
-        """Set the payload sent with each motion.
-
-        Raises RobotError if the controller accepts no payload.
-        """
+        """Set the payload of all motions. Raises RobotError if the controller accepts none."""
         if not self._setup.configuration.statements:
             raise RobotError(
                 'this kind of controller accepts no payload: set Weight and Inertia in '

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from epson_driver.api.errors import RobotError, checked_arguments, checked_timeout
 from epson_driver.api.ownership import Unique
 from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
-from epson_driver.inputs import choice, count
+from epson_driver.inputs import Rule, choice, count
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.io import io_client
@@ -114,10 +114,9 @@ def _type(kind: str) -> 'IoType':
     from epson_driver.driver.io.points import NAMES
 
     known = {name.upper(): io_type for io_type, name in NAMES.items()}
-    result = known.get(kind.upper()) if isinstance(kind, str) else None
-    return (
-        known[choice(*NAMES.values()).checked(kind, 'kind').upper()] if result is None else result
-    )
+    rule = Rule(lambda value: known[str.upper(value)], choice(*NAMES.values()).text)
+    io_type: IoType = rule.checked(kind, 'kind')
+    return io_type
 
 
 async def _answered(

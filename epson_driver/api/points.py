@@ -28,10 +28,7 @@ class Points(Unique):
 
     @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
-        """Return a point.
-
-        Raises KeyError if it does not exist, ArgumentError if it has no usable position.
-        """
+        """Return a point. Raises KeyError if it is unknown, ArgumentError if it is unusable."""
         return self._taught.get(name)
 
     @checked_arguments

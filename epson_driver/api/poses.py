@@ -24,8 +24,7 @@ BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The built-in frames: the arm's base_link, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""Tolerance of a rotation matrix, because printed matrices have few digits. The nearest rotation
-is used instead."""
+"""Tolerance of a rotation matrix. The nearest rotation replaces it."""
 
 MM_SUSPICION = 10.0
 """Multiple of the arm's reach beyond which a position is suspected to be in mm."""

@@ -117,10 +117,7 @@ WORDS = Rule(str.split, "must be a text, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
-    """Operator actions on a simulated controller.
-
-    The methods raise RobotError if the controller is not simulated.
-    """
+    """Operator actions on a simulated controller. They raise RobotError on any other one."""
 
     def __init__(self, port: Callable[[], int]) -> None:
         self._port = port

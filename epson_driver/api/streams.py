@@ -32,8 +32,7 @@ MAX_JUMP_RAD = 0.5
 """Maximum step of a joint between two pose setpoints. A larger step is rejected."""
 
 OFF_COURSE = 0.02
-"""Maximum deviation from the requested tool velocity, as a fraction of it. A larger one indicates
-a singularity."""
+"""Deviation from the requested tool velocity, as a fraction of it, that shows a singularity."""
 
 
 class Streams(Arm):

@@ -202,10 +202,7 @@ class Gripper(Synchronous[AwaitedGripper]):
 
 
 class Simulation(Synchronous[AwaitedSimulation]):
-    """Operator actions on a simulated controller.
-
-    The methods raise RobotError if the controller is not simulated.
-    """
+    """Operator actions on a simulated controller. They raise RobotError on any other one."""
 
     estop = waits(AwaitedSimulation.estop)
     door = waits(AwaitedSimulation.door)

@@ -19,6 +19,7 @@ from rclpy.action import ActionClient
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
@@ -104,9 +105,11 @@ class Downstream:
 
         def start() -> None:
             try:
-                request().add_done_callback(on_done)
+                future = request()
             except Exception as error:  # noqa: BLE001 - it is raised in the caller
-                self._loop.call_soon_threadsafe(_fail, done, error)
+                future = Future()
+                future.set_exception(error)
+            future.add_done_callback(on_done)
 
         self._node.executor.create_task(start)
         return await done
@@ -200,8 +203,3 @@ def _copy_result(done: 'asyncio.Future[Any]', future: Any) -> None:
         done.set_exception(error)
     else:
         done.set_result(future.result())
-
-
-def _fail(done: 'asyncio.Future[Any]', error: Exception) -> None:
-    if not done.done():
-        done.set_exception(error)

@@ -20,7 +20,7 @@ from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
-from epson_driver.driver.outcome import GoalRejectedError, Outcome
+from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
@@ -106,6 +106,7 @@ class GoalServer:
     def __init__(self, context: NodeContext, commands: ArmCommands) -> None:
         node = context.node
         self._logger = node.get_logger()
+        self._log_outcome = partial(log_outcome, self._logger)
         self._clock = node.get_clock()
         self._loop = asyncio.get_running_loop()
         self._queue = context.driver.goal_queue
@@ -213,6 +214,3 @@ class GoalServer:
             self._logger.info(f'empty trajectory: {await self._commands.stop()}')
         except CommandError as error:
             self._logger.error(f'empty trajectory: {error_text(error)}')
-
-    def _log_outcome(self, outcome: Outcome) -> None:
-        log_outcome(self._logger, outcome)

@@ -161,10 +161,7 @@ class LoopBridge:
         return answer
 
     def create_future(self) -> Future:
-        """Return an rclpy future for `wait_for` and `resolve`.
-
-        Raises DriverEndedError if the driver has ended.
-        """
+        """Return a new rclpy future. Raises DriverEndedError if the driver has ended."""
         future = Future()
         with self._lock:
             if self._ended:

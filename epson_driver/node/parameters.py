@@ -102,10 +102,7 @@ def rejection(changes: Iterable[Parameter]) -> str:
 
 
 def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
-    """Declare the parameters of rows and return their values by name.
-
-    Raises the exceptions of `declare`.
-    """
+    """Declare the parameters of rows, like `declare`, and return their values by name."""
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, descriptor(row)).value

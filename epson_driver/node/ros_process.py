@@ -130,12 +130,10 @@ MAX_READING_NS = 100_000
 """Maximum time for reading both clocks, ns. A longer reading was interrupted."""
 
 MIN_JUMP_NS = 1_000_000
-"""Minimum change of the clocks' difference that counts as a jump of ROS time, ns. A smaller
-change is drift."""
+"""Minimum change of the clocks' difference that is a jump of ROS time and not drift, ns."""
 
 DRIFT_FILTER_DIVISOR = 256
-"""Divisor of the measured drift for the correction per reading. It filters the noise of readings,
-which is the time between reading the two clocks."""
+"""Divisor of the drift correction per reading, because each reading of the two clocks is noisy."""
 
 MIN_SPACING_NS = 1_000
 """Minimum spacing of stamps, ns. tf ignores a repeated stamp."""

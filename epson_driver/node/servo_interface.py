@@ -34,7 +34,7 @@ MAX_POINTS = 500
 
 
 class SetpointError(ValueError):
-    """A message is not a valid setpoint. The text is the reason."""
+    """A message is not a valid setpoint. The text is the reason. All functions below raise it."""
 
 
 def from_trajectory(
@@ -42,7 +42,7 @@ def from_trajectory(
 ) -> Setpoint:
     """Return the setpoint of a trajectory: a single point, or a window.
 
-    `now`: ROS time, s. Raises SetpointError if the message is invalid.
+    `now`: ROS time, s.
     """
     last = message.points[-1]
     stamp = duration_in_s(message.header.stamp)
@@ -61,10 +61,7 @@ def from_trajectory(
 
 
 def from_joint_state(message: JointState, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of positions, velocities or both, as the message contains them.
-
-    Raises SetpointError if the message is invalid.
-    """
+    """Return a setpoint of positions, velocities or both, as the message contains them."""
     return _setpoint(
         source,
         _values('position', message.position, message.name, names),
@@ -73,26 +70,17 @@ def from_joint_state(message: JointState, names: Sequence[str], source: str) -> 
 
 
 def from_positions(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of positions, in the order of `names`.
-
-    Raises SetpointError if the message is invalid.
-    """
+    """Return a setpoint of positions, in the order of `names`."""
     return _setpoint(source, _values('data', message.data, names, names), None)
 
 
 def from_velocities(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of velocities, in the order of `names`.
-
-    Raises SetpointError if the message is invalid.
-    """
+    """Return a setpoint of velocities, in the order of `names`."""
     return _setpoint(source, None, _values('data', message.data, names, names))
 
 
 def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of velocities, which are 0 for joints that the message does not name.
-
-    Raises SetpointError if the message is invalid.
-    """
+    """Return a setpoint of velocities, which are 0 for joints that the message does not name."""
     if message.displacements:
         raise SetpointError('displacements are not supported: use velocities')
     _check_names(message.joint_names, names, complete=False)
@@ -110,7 +98,7 @@ def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Win
     """Return the last point before now and all later ones, or None if there are fewer than two.
 
     `first`: the start of the trajectory, s from now. Velocities are ignored unless all points have
-    them. Raises SetpointError if a point is invalid.
+    them.
     """
     passed = 0
     times = [first + duration_in_s(point.time_from_start) for point in message.points]
@@ -147,11 +135,7 @@ def _setpoint(
 def _values(
     field: str, values: Sequence[float], joint_names: Sequence[str], names: Sequence[str]
 ) -> Array | None:
-    """Return values in the order of `names`, or None if there are none.
-
-    Raises SetpointError if `joint_names`, the names in the message, or the number of values is
-    wrong.
-    """
+    """Return the values for `joint_names` in the order of `names`, or None if there are none."""
     _check_names(joint_names, names, complete=True)
     if not len(values):
         return None

@@ -43,10 +43,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class PortsProfile:
-    """TCP ports of the controller's servers.
-
-    `remote`: the port of Remote Ethernet, or 0 if a driver has no access to it.
-    """
+    """TCP ports of the controller. `remote` (Remote Ethernet) is 0 if a driver cannot use it."""
 
     motion: int
     state: int
