@@ -39,7 +39,7 @@ CLASSES = (
 )
 """File and class, in the order of the page."""
 
-WITHIN = ('begin', 'finish')
+WITHIN = ('start', 'finish')
 """Internal methods."""
 
 PARTS = {'Arm': 'api/arm.py', 'Motions': 'api/motions.py', 'Streams': 'api/streams.py'}

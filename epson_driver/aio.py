@@ -99,7 +99,7 @@ class Robot(Motions, Streams):
         )
         super().__init__(make_setup(values))
         self._enable = enable
-        connection = self._connection  # not self: a lost robot must be collected immediately
+        connection = self._connection  # a reference to self would delay garbage collection
         self.io = Io(lambda: connection.running.io)
         """Inputs and outputs of the controller."""
         self.gripper = Gripper(lambda: connection.gripper)

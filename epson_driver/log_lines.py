@@ -71,9 +71,9 @@ class PrintableFormatter(logging.Formatter):
 BURST_LINES = 20
 """Burst of each logging statement, in lines. Afterwards it may write one line per second."""
 
-_STDERR_DESCRIPTOR = 2  # the file descriptor
+_STDERR_DESCRIPTOR = 2
 _MAX_WAITING_LINES = 1000
-_FLUSH_TIMEOUT_S = 0.5  # s
+_FLUSH_TIMEOUT_S = 0.5
 
 
 class StderrLog(logging.Handler):

@@ -288,7 +288,7 @@ class Connection:
     # --- the pose ---------------------------------------------------------------------------
 
     async def wait_for_fresh_state(self) -> float:
-        """Wait for fresh joints. Return the loop time, s, that their age is compared with."""
+        """Wait for fresh joints. Return the loop time, s, at which to judge their age."""
         driver = self.running
         return await wait_for_fresh_state(driver.robot.stale, self._received, FRESH_POSE_TIMEOUT_S)
 

@@ -123,7 +123,7 @@ class Motion(Unique):
         try:
             return await self.wait(timeout)
         except asyncio.CancelledError:
-            with contextlib.suppress(MotionError):  # it ended differently: raise the cancellation
+            with contextlib.suppress(MotionError):  # the cancellation is raised in any case
                 await self.cancel()
             raise
 

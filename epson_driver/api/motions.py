@@ -273,7 +273,7 @@ class Motions(Arm):
         checked_path = (moves.deviation(arm, tool_path), limits.accuracy)
         via = None
         if point is not None and point.via is not None:
-            via = point.via.seen_from(arm.forward(start))[:3, 3]
+            via = point.via.in_base_link(arm.forward(start))[:3, 3]
         return await self._connection.execute(
             trajectory,
             plan,

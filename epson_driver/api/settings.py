@@ -14,7 +14,7 @@ ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
 
 
 def setting(name: str, *usual: object) -> Any:
-    """Return the field for a ROS parameter. `usual`: a default other than the parameter's."""
+    """Return a dataclass field for a ROS parameter. `usual`: a default other than its own."""
     row = ROWS[name]
     default = usual[0] if usual else row.default
     return field(

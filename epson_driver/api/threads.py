@@ -194,7 +194,7 @@ class Session:
         self._lost = weakref.finalize(
             self, _leave, self._thread, self._awaited, self._connection, self.callbacks
         )
-        self._lost.atexit = False  # epson_driver.api.ownership does that
+        self._lost.atexit = False  # api.ownership closes the connection at interpreter exit
         try:
             self.run(connect)
         except BaseException:

@@ -150,7 +150,7 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
             except BaseException as error:  # noqa: BLE001 - it is reported
                 # asyncio re-raises the SystemExit of a callback or a task immediately
                 failures.report('the event loop ended', error)
-    ignore_interrupts()  # the arms are at rest, and the rest takes a moment
+    ignore_interrupts()  # the arms are at rest, and the remaining steps are short
     for client in clients:
         client.end()
     if not ros.leave():  # a blocked thread cannot be ended, but the arms are at rest

@@ -167,7 +167,7 @@ FEEDBACKS = 2
 """Number of feedback messages after which the start time is known."""
 
 FEEDBACK_TIMEOUT_S = 0.25
-"""Time for which a stop waits for these messages, s. They arrive 20 times a second."""
+"""Time for which a stop waits for FEEDBACKS messages, s. They arrive 20 times a second."""
 
 OFF_S, OFF = 1e-3, 1e-4
 """Maximum deviations of feedback from the sent motion. OFF_S: of the start time, s. OFF: of the
@@ -180,8 +180,8 @@ SHUT_DOWN_TIMEOUT_S = 6.0
 class ForwardedGoal:
     """A goal from ROS that is forwarded to the downstream driver.
 
-    start: earliest start on the loop's clock, s, or 0 for immediately. why: the outcome if the
-    goal is abandoned, else None.
+    start: earliest start time on the loop's clock, s, or 0 to start immediately. why: the outcome
+    if the goal is abandoned, else None.
     """
 
     request: FollowJointTrajectory.Goal

@@ -744,7 +744,7 @@ def test_both_apis_have_the_same_public_names():
     own = {'catch_up', 'measured'}
     for name in ('Robot', 'Motion', 'Io', 'Gripper'):
         missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
-        assert missing <= {'begin', 'finish'}, name
+        assert missing <= {'start', 'finish'}, name
 
 
 @pytest.mark.invariant(4)

@@ -44,7 +44,7 @@ CONSTRUCTORS: dict[str, Callable[..., Any]] = {
     'Settings': Settings,
 }
 
-WITHIN = {'begin', 'finish', 'plan', 'simulated'}
+WITHIN = {'start', 'finish', 'plan', 'simulated'}
 """Internal methods, and `simulated` from CONSTRUCTORS."""
 
 GOOD: dict[str, Any] = {

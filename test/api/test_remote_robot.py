@@ -254,7 +254,7 @@ def test_cut_during_a_motion_is_reported_and_abort_follows_the_reconnect():
             with pytest.raises(MotionError) as caught:
                 await motion.wait()
             assert 'completes its command' in str(caught.value)
-            assert 'E-stop stops it' in str(caught.value)
+            assert 'unless the E-stop' in str(caught.value)
             assert controller.in_motion
             assert not robot.status.enabled
             await until(lambda: robot.status.connected)
