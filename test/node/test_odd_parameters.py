@@ -3,7 +3,6 @@
 """Every parameter with odd values at the start: used, or rejected in one sentence."""
 
 import asyncio
-import gc
 import math
 
 import pytest
@@ -70,33 +69,37 @@ ODD = (
 )
 
 
-def started(name, literal, domain):
-    """Return the client's value of a parameter, or the error.
+@pytest.fixture(scope='module')
+def context():
+    """Yield one context for all nodes.
 
-    Fast DDS can deadlock when one of two participants in a domain and process ends. So the
-    previous node, which a traceback may hold, is collected first.
+    Fast DDS can deadlock when one of two participants in a domain and process ends.
     """
-    gc.collect()
+    context = rclpy.Context()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        rclpy.init(args=[], context=context, domain_id=free_ros_domain())
+    yield context
+    context.try_shutdown()
+
+
+def started(name, literal, context):
+    """Return the client's value of a parameter, or the error."""
 
     async def make(node):
         return ClientNode(node)._parameters[name]
 
-    context = rclpy.Context()
     arguments = ['--ros-args', '-p', f'{name}:={literal}']
     try:
-        rclpy.init(args=arguments, context=context, domain_id=domain)
+        node = Node('epson_driver', context=context, cli_args=arguments)
     except RuntimeError as error:  # rcl cannot read it
         return None, str(error)
     try:
-        node = Node('epson_driver', context=context)
-        try:
-            return asyncio.run(make(node)), None
-        except (ParameterException, InputError, ValueError) as error:
-            return None, str(error)
-        finally:
-            node.destroy_node()
+        return asyncio.run(make(node)), None
+    except (ParameterException, InputError, ValueError) as error:
+        return None, str(error)
     finally:
-        context.try_shutdown()
+        node.destroy_node()
 
 
 PARTS = 4
@@ -107,14 +110,12 @@ PARTS = 4
     'part', [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, PARTS))]
 )
 @pytest.mark.parametrize('name', quickly(['remote_port'], ROWS, several=False))
-def test_odd_value_is_used_or_rejected_by_the_parameter_s_name(name, part, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    domain = free_ros_domain()
+def test_odd_value_is_used_or_rejected_by_the_parameter_s_name(name, part, context):
     row = ROWS[name]
     refused = 0
     literals = ODD[(part + list(ROWS).index(name)) % PARTS :: PARTS]
     for literal in literals:
-        value, sentence = started(name, literal, domain)
+        value, sentence = started(name, literal, context)
         if sentence is not None:
             assert name in sentence, literal
             refused += 1

@@ -24,24 +24,30 @@ WITH_CHOICES = [row for row in ROWS.values() if row.choices]
 
 
 @pytest.fixture(scope='module')
-def domain():
-    return free_ros_domain()
+def context():
+    context = rclpy.Context()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        rclpy.init(args=[], context=context, domain_id=free_ros_domain())
+    yield context
+    context.try_shutdown()
 
 
 @pytest.fixture
-def node(domain, monkeypatch):
+def node(context):
     """Yield a function that makes a node with parameter overrides."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with contextlib.ExitStack() as stack:
 
         def make(**overrides):
-            context = rclpy.Context()
             arguments = ['--ros-args']
             for name, value in overrides.items():
                 arguments += ['-p', f'{name.replace("__", ".")}:={value}']
-            rclpy.init(args=arguments, context=context, domain_id=domain)
-            stack.callback(context.try_shutdown)
-            made = Node('epson_driver', context=context, start_parameter_services=False)
+            made = Node(
+                'epson_driver',
+                context=context,
+                cli_args=arguments,
+                start_parameter_services=False,
+            )
             stack.callback(made.destroy_node)
             return made
 
