@@ -7,6 +7,7 @@ import pytest
 from support.api_harness import robot_cell
 from support.driver_harness import LIMITS
 from support.event_loop import now, run
+from support.examples import quickly
 from support.fault_play import where
 
 from epson_driver.aio import RobotError
@@ -72,7 +73,9 @@ async def moved(profile, scaling=1.0, **fractions):
 
 
 @pytest.mark.invariant(10)
-@pytest.mark.parametrize('profile', PROFILES)
+@pytest.mark.parametrize(
+    'profile', quickly(('simulated', 'fanuc', 'abb', 'remote'), PROFILES, several=False)
+)
 def test_inv10_speed_fraction_slows_the_arm_or_is_rejected(profile):
     async def scenario():
         usual = await moved(profile, speed=0.1, acceleration=0.5)

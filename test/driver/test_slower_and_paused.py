@@ -7,6 +7,7 @@ The speeds are measured at the simulated arm in each step, and not derived from 
 
 import asyncio
 import contextlib
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from support.driver_harness import (
     smooth_in_process,
 )
 from support.event_loop import now, until
+from support.examples import one_in, quickly
 from support.fault_play import cell_of, make_ready, standing, where
 from support.streams import sending, velocities
 
@@ -113,8 +115,12 @@ async def executed(name, trajectory, factor=1.0):
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize(
     ('name', 'plan'),
-    [(name, one_point if name == 'remote' else back_and_forth) for name in PROFILES]
-    + [(name, one_point) for name in ('abb', 'generic', 'motoman', 'spel')],
+    quickly(
+        [('simulated', back_and_forth), ('fanuc', back_and_forth), ('remote', one_point)]
+        + [(name, one_point) for name in ('abb', 'generic', 'motoman', 'spel')],
+        [(name, back_and_forth) for name in PROFILES if name != 'remote']
+        + [(name, one_point) for name in ('abb', 'generic', 'motoman', 'remote', 'spel')],
+    ),
 )
 async def test_inv10_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name, plan):
     """It is reached by the speed scaling or by a plan that is ten times as slow."""
@@ -188,7 +194,9 @@ async def paused_in_motion(harness, controller, trajectory, at=0.25):
 
 
 @pytest.mark.invariant(3, 10)
-@pytest.mark.parametrize('name', OBEYS_STOP)
+@pytest.mark.parametrize(
+    'name', quickly(('simulated', 'fanuc', 'motoman'), OBEYS_STOP, several=False)
+)
 async def test_inv10_pause_stops_and_the_rest_passes_the_same_points(name):
     async with robot(name) as (harness, controller):
         goal, here = await paused_in_motion(harness, controller, slow_path(name))
@@ -227,7 +235,7 @@ def turns(path, distance=0.2):
 
 
 @pytest.mark.invariant(10)
-@pytest.mark.parametrize('at', [0.1, 0.45, 0.8])
+@pytest.mark.parametrize('at', quickly([0.45], [0.1, 0.45, 0.8], several=False))
 @pytest.mark.parametrize(
     ('name', 'share', 'smoothing', 'max_turns'),
     [
@@ -324,8 +332,16 @@ async def test_goal_submitted_in_a_pause_starts_after_it():
 
 
 @pytest.mark.invariant(4, 5)
-@pytest.mark.parametrize('when', ['pausing', 'paused'])
-@pytest.mark.parametrize('event', ['cancel', 'stop', 'disable', 'new goal', 'e_stop', 'cut'])
+@pytest.mark.parametrize(
+    ('event', 'when'),
+    one_in(
+        3,
+        itertools.product(
+            ['cancel', 'stop', 'disable', 'new goal', 'e_stop', 'cut'], ['pausing', 'paused']
+        ),
+        several=True,
+    ),
+)
 async def test_inv4_paused_goal_that_has_ended_does_not_resume(event, when):
     async with robot('simulated') as (harness, controller):
         goal, _ = await paused_in_motion(harness, controller, slow_path('simulated'))

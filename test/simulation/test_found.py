@@ -100,13 +100,14 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
                 Event(0.9, 'goal', FAR),
             ],
         ),
-        (
+        pytest.param(
             '3400000596',
             [
                 Event(3.8, 'scale', {'factor': 0.03}),
                 Event(1.7, 'goal', FAR | {'step': 4.0}),
                 Event(0.1, 'panel_arm', {}),
             ],
+            marks=pytest.mark.slow,
         ),
         (
             '4709',
