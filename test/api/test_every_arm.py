@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every model: its SPEL+ point at zero, a joint move and a line within its limits."""
 
-from itertools import product
+from itertools import cycle
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,10 +51,11 @@ def test_spel_and_kinematics_agree_on_the_point_at_zero(name: str) -> None:
         assert float(shown[1]) == pytest.approx(0.0, abs=1e-6)
 
 
-MODELS_AND_PROFILES = product(robot_models(), ['simulated', 'spel'])
+MODELS_AND_PROFILES = list(zip(robot_models(), cycle(['simulated', 'spel'])))
+"""Each model has one controller of two. The models of a series differ in size and mount only."""
 
 
-@pytest.mark.parametrize(('name', 'profile'), one_in(181, MODELS_AND_PROFILES, several=True))
+@pytest.mark.parametrize(('name', 'profile'), one_in(121, MODELS_AND_PROFILES, several=True))
 def test_driver_executes_a_joint_move_and_a_line(name: str, profile: str) -> None:
     """Runs over TCP, in virtual time, with the built-in and the SPEL+ program."""
     model = load_robot_model(name)

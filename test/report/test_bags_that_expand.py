@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,7 @@ rosbag2_bagfile_information:
 """
 
 
+@cache
 def zeros(make: Callable[[], object], size: int = SIZE) -> bytes:
     """Return `size` zeros, compressed."""
     compressor = make()

@@ -32,7 +32,6 @@ def is_enabled(answers: Answers) -> bool:
     return any(success for success, _ in answers)
 
 
-@pytest.mark.quick
 @pytest.mark.invariant(10)
 def test_inv10_second_driver_of_a_name_stops_both_and_no_other(tmp_path: Path) -> None:
     fleet = Fleet(tmp_path, together=False, names=('left', 'right')).enabled()
