@@ -1,15 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver with many cut connections and many goals."""
+"""The driver with many goals and a goal of many points."""
 
 import asyncio
 import contextlib
 import gc
-import random
 import resource
 import sys
 import threading
-import weakref
 from collections import Counter
 from pathlib import Path
 
@@ -22,209 +20,19 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from support.driver_harness import JOINTS, Harness, cell, pose, simulated
-from support.event_loop import now, run, until
+from support.driver_harness import JOINTS, Harness, pose, simulated
+from support.event_loop import run, until
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import ArmCommands
-from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.link import LinkState
-from epson_driver.link.states import BACK_OFF
+from epson_driver.driver.outcome import End
 from epson_driver.node import goal_server
 from epson_driver.node.node import ClientNode
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.faults.fault_kinds import parse
 
-CUTS, CELLS = 100, 4
-"""Number of cuts, and of robots that are cut at the same time to keep the test short."""
-
-SEED = 11000
-PORTS = ('motion', 'state', 'motion+state', 'motion+state+io')
-PLANNED = 0.5
-"""Planned time of a motion, s. It takes longer with its accelerations."""
-
-LATEST = 1.4
-"""Maximum time from goal to cut, s: some goals have ended then."""
-
-LONGEST = 0.35
-"""Maximum duration of a cut, s."""
-
-AT_GOAL = 0.01
-"""Goal tolerance, rad."""
-
-SETTLED = 0.03
-"""Age of a connection that was not accepted only to be closed, s."""
-
-WITHIN = 1.5
-"""Maximum time from the controller's return to both links, s."""
-
 PATIENCE = 100.0
 """Timeout of a test on a busy machine, s."""
-
-
-class History:
-    """The states of a link and their start times."""
-
-    def __init__(self, link):
-        self.link = link
-        self.steps = []
-        self._report = link._on_state
-        link._on_state = self._on_state
-
-    def _on_state(self, state, why):
-        self.steps.append((now(), state))
-        self._report(state, why)
-
-    @property
-    def since(self):
-        """Return when the current state started."""
-        return self.steps[-1][0] if self.steps else 0.0
-
-    @property
-    def settled(self):
-        return self.link.connected and now() - self.since >= SETTLED
-
-    def attempts(self, after):
-        """Return how many connection attempts started after a time."""
-        return sum(at > after and state is LinkState.CONNECTING for at, state in self.steps)
-
-
-def open_sockets():
-    count = 0
-    for file in Path('/proc/self/fd').iterdir():
-        with contextlib.suppress(FileNotFoundError):  # the directory's own
-            count += str(file.readlink()).startswith('socket:')
-    return count
-
-
-class CutCell:
-    """A driver and a controller whose links are cut repeatedly."""
-
-    def __init__(self, harness, controller, number):
-        self.harness = harness
-        self.controller = controller
-        self.chance = random.Random(SEED + number)
-        links = (harness.driver.motion_link, harness.driver.state_link)
-        self.histories = {link.name: History(link) for link in links}
-        self.ends = Counter()
-        self.back_after = []
-        self.handles = []
-
-    async def cut(self):
-        """Cut at a random moment of a goal, and check all consequences."""
-        harness, controller = self.harness, self.controller
-        await harness.commands.enable()
-        target = pose(-0.4 if harness.at[0] > 0.0 else 0.4, self.chance.uniform(0.0, 0.2))
-        goal = harness.submit(
-            (harness.at + target) / 2, target, step=PLANNED / 2, tolerance=AT_GOAL
-        )
-        self.handles.append(weakref.ref(goal.handle))
-        await asyncio.sleep(self.chance.uniform(0.0, LATEST))
-
-        ports = self.chance.choice(PORTS)
-        ended_before = bool(goal.outcomes)
-        controller.faults.start(
-            parse(f'cut {self.chance.uniform(0.01, LONGEST):.3f} port={ports}')
-        )
-        cut_links = [name for name in self.histories if name in ports]
-        await self.returned(cut_links)
-        self.ends[self.check_end(goal, target, ended_before)] += 1
-        await self.nothing_moves_before_enable()
-        assert len(goal.outcomes) == 1
-        harness.events.samples.clear()
-        harness.events.statuses.clear()
-
-    def check_end(self, goal, target, ended_before):
-        """Check the goal's outcome; return how it ended."""
-        outcome = goal.outcome
-        if outcome.end is End.SUCCEEDED:
-            assert abs(self.controller.servo.actual - target).max() <= AT_GOAL
-            return 'succeeded before the cut'
-        assert not ended_before, outcome
-        assert outcome.end is End.ABORTED
-        assert outcome.code is ErrorCode.PATH_TOLERANCE_VIOLATED
-        assert 'link was lost' in outcome.text
-        assert 'moving to point' in outcome.text
-        return 'aborted: ' + outcome.text.split(' was lost')[0]
-
-    async def returned(self, names):
-        """Wait for the controller, then for the links, with one attempt for each."""
-        faults, driver = self.controller.faults, self.harness.driver
-        await until(lambda: not any(faults.rejects(name) for name in names))
-        start = now()
-        histories = [self.histories[name] for name in names]
-        await until(lambda: all(history.settled for history in self.histories.values()))
-        assert all(history.attempts(after=start) <= 1 for history in histories)
-        self.back_after.append(max(0.0, *(history.since - start for history in histories)))
-        await until(lambda: driver.robot.sample is not None and driver.robot.status is not None)
-        for history in self.histories.values():
-            history.steps.clear()
-
-    async def nothing_moves_before_enable(self):
-        """Check that the gate is closed, goals are refused and the arm rests with both links."""
-        harness, controller = self.harness, self.controller
-        assert 'link was lost' in harness.gate
-        await until(lambda: not controller.in_motion and controller.servo.settled)
-        rest = controller.servo.actual.copy()
-        refused = harness.submit(pose(0.1))
-        assert refused.outcome.code is ErrorCode.INVALID_GOAL
-        assert 'link was lost' in refused.outcome.text
-        samples = len(harness.events.samples)
-        await until(lambda: len(harness.events.samples) > samples + 5)
-        assert np.array_equal(controller.servo.actual, rest)
-        assert not controller.moving
-
-    def check_nothing_is_kept(self):
-        driver = self.harness.driver
-        assert driver.goal_queue.idle
-        assert not driver.changed.waiting
-        gc.collect()
-        assert all(handle() is None for handle in self.handles)
-
-
-@pytest.mark.invariant(4)
-@pytest.mark.slow
-def test_inv4_100_cuts_end_their_goals_cleanly_and_move_nothing():
-    """A link retries at most `max(BACK_OFF)` s after the previous attempt.
-
-    The first attempt after the controller's return succeeds. The test prints its time.
-    """
-    assert max(BACK_OFF) < WITHIN
-    ends, back_after = Counter(), []
-
-    async def scenario():
-        async with cell() as one, cell() as two, cell() as three, cell() as four:
-            cells = [CutCell(*item, number) for number, item in enumerate((one, two, three, four))]
-            await asyncio.sleep(0.1)  # connections of ~/enable are closed
-            tasks, sockets = len(asyncio.all_tasks()), open_sockets()
-
-            async def all_cuts(one):
-                for _ in range(CUTS // CELLS):
-                    await one.cut()
-
-            async with asyncio.TaskGroup() as group:
-                for one in cells:
-                    group.create_task(all_cuts(one))
-            await asyncio.sleep(0.1)
-            assert len(asyncio.all_tasks()) == tasks, asyncio.all_tasks()
-            assert open_sockets() <= sockets
-            for one in cells:
-                one.check_nothing_is_kept()
-                ends.update(one.ends)
-                back_after.extend(one.back_after)
-
-    gc.collect()  # cycles left by earlier tests
-    before = open_sockets()
-    run(scenario(), PATIENCE)
-    assert open_sockets() <= before
-    assert ends.total() == CUTS
-    for text, count in sorted(ends.items()):
-        print(f'{count:3} {text}')
-    quantiles = np.quantile(back_after, [0.0, 0.5, 0.9, 0.99, 1.0])
-    within = sum(seconds <= WITHIN for seconds in back_after)
-    print(f'{within} of {CUTS} within {WITHIN:g} s of the return')
-    print('back after, s (least, median, 90 %, 99 %, most):', *(f'{q:.3f}' for q in quantiles))
-    assert len([text for text in ends if text.startswith('aborted')]) == 2, 'both links were cut'
 
 
 POINTS = 10_000

@@ -19,18 +19,18 @@ from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 from support.cell import START, Cell
-from support.examples import one_in
 from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 from unique_identifier_msgs.msg import UUID
 
 pytestmark = pytest.mark.invariant(5, 9)
 
+COUNT = 200
 DEEP = QoSProfile(depth=1000)
 
 
-def send_burst(peer: RosPeer, send: Callable[[], Any], count: int) -> list[Any]:
+def send_burst(peer: RosPeer, send: Callable[[], Any]) -> list[Any]:
     """Send requests one after another, and return all replies."""
-    futures = peer.in_executor(lambda: [send() for _ in range(count)])
+    futures = peer.in_executor(lambda: [send() for _ in range(COUNT)])
     return [peer.complete(future) for future in futures]
 
 
@@ -49,43 +49,38 @@ def action(shared_cell: Cell) -> Iterator[Any]:
     shared_cell.peer.in_executor(client.destroy)
 
 
-@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
-def test_every_goal_of_a_burst_is_answered(shared_cell: Cell, action: Any, count: int) -> None:
+def test_every_goal_of_a_burst_is_answered(shared_cell: Cell, action: Any) -> None:
     peer = shared_cell.peer
     here = peer.position().tolist()
     other = START if abs(here[0] - START[0]) > 0.1 else [0.3, *START[1:]]
     goal = FollowJointTrajectory.Goal(trajectory=trajectory((0.0, here), (0.5, other)))
-    handles = send_burst(peer, lambda: action.send_goal_async(goal), count)
+    handles = send_burst(peer, lambda: action.send_goal_async(goal))
     assert all(handle.accepted for handle in handles)
     pending = iter(handles)
-    answers = send_burst(peer, lambda: next(pending).get_result_async(), count)
+    answers = send_burst(peer, lambda: next(pending).get_result_async())
     ends = Counter(STATUS_NAMES[answer.status] for answer in answers)
     assert set(ends) <= {'aborted', 'succeeded'}
-    assert ends.total() == count
+    assert ends.total() == COUNT
     assert all(answer.result.error_string for answer in answers)
 
 
-@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ('kind', 'name'),
-    one_in(3, [(Trigger, 'enable'), (ReadIo, 'read_io'), (Trigger, 'stop')], several=True),
+    [(Trigger, 'enable'), (ReadIo, 'read_io'), (Trigger, 'stop')],
 )
 def test_every_service_call_of_a_burst_is_answered(
-    shared_cell: Cell, kind: Any, name: str, count: int
+    shared_cell: Cell, kind: Any, name: str
 ) -> None:
     peer = shared_cell.peer
     with peer.client(kind, f'epson_driver/{name}', qos_profile=DEEP) as client:
-        answers = send_burst(peer, lambda: client.call_async(kind.Request()), count)
-    assert len(answers) == count
+        answers = send_burst(peer, lambda: client.call_async(kind.Request()))
+    assert len(answers) == COUNT
 
 
 ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED)
 
 
-@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
-def test_missing_replies_were_lost_in_the_client_s_queue(
-    shared_cell: Cell, action: Any, count: int
-) -> None:
+def test_missing_replies_were_lost_in_the_client_s_queue(shared_cell: Cell, action: Any) -> None:
     """Two clients take no reply until all goals have ended, which a third node observes.
 
     They differ only in the depth of their queues, by default ten. So the driver sent all replies.
@@ -107,10 +102,10 @@ def test_missing_replies_were_lost_in_the_client_s_queue(
     )
     try:
         assert usual.wait_for_server(PATIENCE)
-        for client, depth in ((action, count), (usual, 10)):
+        for client, depth in ((action, COUNT), (usual, 10)):
 
             def burst(client: Any = client) -> list[Any]:
-                sent = {random.randbytes(16) for _ in range(count)}
+                sent = {random.randbytes(16) for _ in range(COUNT)}
                 ids = [UUID(uuid=list(number)) for number in sent]
                 futures = [client.send_goal_async(goal, goal_uuid=uuid) for uuid in ids]
                 observer.wait_for(lambda: sent <= ended, 'the end of each goal')

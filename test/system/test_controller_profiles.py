@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver with controllers of all profiles."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,24 +25,12 @@ def message_of(plan: Trajectory) -> Any:
     return message
 
 
-KINDS = ('generic', 'abb', 'motoman', 'simulated', 'rc700a', 'fanuc', 'spel')
-
-
-@pytest.mark.parametrize(
-    ('name', 'plans'),
-    [
-        ('abb', PLANS[:1]),
-        ('motoman', PLANS[1:2]),  # sends points differently
-        *(pytest.param(name, PLANS, marks=pytest.mark.slow) for name in KINDS),
-    ],
-)
-def test_planned_trajectories_succeed_on_every_controller(
-    make_cell: Any, name: str, plans: Sequence[str]
-) -> None:
+@pytest.mark.parametrize('name', ['generic', 'abb', 'motoman', 'fanuc', 'spel'])
+def test_planned_trajectories_succeed_on_every_controller(make_cell: Any, name: str) -> None:
     how = () if name == 'spel' else ('--motion=smooth',)
     cell = make_cell(f'--controller={name}', *how, controller=name).ready()
     cell.peer.enable()
-    for file in plans:
+    for file in PLANS:
         plan = read_trajectory(share_file('config', 'trajectories', f'{file}.yaml'))
         to_start = trajectory((2.0, plan.positions[0].tolist()))
         assert cell.peer.goal(to_start).result()[0] == 'succeeded'

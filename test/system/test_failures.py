@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -54,14 +54,6 @@ LOOP = (
     'interrupt',
 )
 THREADS = ('executor', 'executor, always', 'exit of the executor', 'thread')
-QUICK = ('motion link', 'callback', 'executor')
-"""One failure of each kind for quick runs: a link, the loop, another thread."""
-
-
-def quick(names: Iterable[str], selected: Collection[str]) -> list[Any]:
-    return [
-        name if name in selected else pytest.param(name, marks=pytest.mark.slow) for name in names
-    ]
 
 
 class Robot:
@@ -205,7 +197,7 @@ def ends(robot: Robot) -> int:
     return robot.client.wait(PATIENCE)
 
 
-@pytest.mark.parametrize('name', quick([*LOOP, *THREADS], QUICK))
+@pytest.mark.parametrize('name', [*LOOP, *THREADS])
 def test_failure_in_any_task_or_thread_stops_the_arm_and_the_process(
     robot: Robot, name: str
 ) -> None:
@@ -234,7 +226,7 @@ def test_goal_that_fails_in_the_loop_is_answered(robot: Robot) -> None:
     assert second.result() == ('aborted', -1, 'the driver has ended')
 
 
-@pytest.mark.parametrize('name', quick(['cancel in the loop', 'rclpy'], ['rclpy']))
+@pytest.mark.parametrize('name', ['cancel in the loop', 'rclpy'])
 def test_failing_cancel_stops_the_arm_and_ends_the_process(robot: Robot, name: str) -> None:
     goal = robot.move()
     robot.fail(name)
@@ -255,7 +247,7 @@ def test_service_that_exits_the_loop_is_answered(robot: Robot) -> None:
     assert goal.result()[0] == 'aborted'
 
 
-@pytest.mark.parametrize('name', quick(['callback', 'executor'], []))
+@pytest.mark.parametrize('name', ['callback', 'executor'])
 def test_failure_stops_all_robots_of_the_process(tmp_path: Path, name: str) -> None:
     left = Robot(tmp_path / 'left', namespace='left')
     right = Robot(tmp_path / 'right', left.domain, namespace='right')
@@ -314,7 +306,7 @@ def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     robot.close()
 
 
-@pytest.mark.parametrize('name', quick(REQUESTS, ['~/stop', '~/write_io']))
+@pytest.mark.parametrize('name', REQUESTS)
 def test_failing_service_reports_the_error_and_stops_the_arm(serving: Robot, name: str) -> None:
     kind, request = REQUESTS[name]
     goal = serving.move()
@@ -330,7 +322,6 @@ def test_failing_service_reports_the_error_and_stops_the_arm(serving: Robot, nam
     assert_still_serves(serving)
 
 
-@pytest.mark.slow
 def test_failing_trace_ends_without_other_effects(serving: Robot) -> None:
     name = Parameter('trace_file', value='a.pcap').to_parameter_msg()
     request = SetParameters.Request(parameters=[name])

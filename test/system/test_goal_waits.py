@@ -7,27 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import START, Cell, cell_with
+from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]
 POINTS = 21
-SLOW_SPEL = pytest.param('spel', marks=pytest.mark.slow)
-SLOW_PTP = pytest.param('ptp', marks=pytest.mark.slow)
-SLOW_RESAMPLE = pytest.param('resample', marks=pytest.mark.slow)
 
 
-@pytest.fixture(scope='module', params=['smooth', SLOW_PTP, SLOW_RESAMPLE, SLOW_SPEL])
-def waiting_cell(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Cell]:
+@pytest.fixture(scope='module')
+def waiting_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell. Its arm may be anywhere."""
-    folder = tmp_path_factory.mktemp('cell')
-    if request.param == 'resample':
-        cell = Cell(folder, '--motion=smooth', smoothing='resample').ready()
-    else:
-        how = () if request.param == 'spel' else (f'--motion={request.param}',)
-        cell = cell_with(folder, request.param, *how).ready()
+    cell = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth').ready()
     cell.peer.enable()
     yield cell
     cell.close()
@@ -56,7 +46,6 @@ def seconds(duration: Any) -> float:
     return whole
 
 
-@pytest.mark.parametrize('waiting_cell', ['smooth', 'ptp', SLOW_SPEL], indirect=True)
 def test_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
     goal = peer.goal(plan(8.0))

@@ -23,12 +23,12 @@ TIMEOUT = 2.0
 """The controller's client timeout, s, longer than a stall of a busy machine."""
 
 
-PROFILE = """
-like: {name}
+PROFILE = f"""
+like: spel
 name: waits
 description: the same with a longer timeout
-server: {{client_timeout: {seconds}}}
-spel: {{config: {{FULL_POWER: 1, CLIENT_TIMEOUT: {seconds}}}}}
+server: {{client_timeout: {TIMEOUT}}}
+spel: {{config: {{FULL_POWER: 1, CLIENT_TIMEOUT: {TIMEOUT}}}}}
 """
 
 EQUAL_SAMPLES, BETWEEN_S = 20, 0.02
@@ -45,23 +45,18 @@ def wait_until_at_rest(port: int) -> None:
 
 
 @pytest.mark.invariant(3, 4, 5)
-@pytest.mark.parametrize(
-    'name', ['simulated', 'rc700a', pytest.param('spel', marks=pytest.mark.slow)]
-)
 def test_stalled_client_finds_the_arm_stopped_and_the_goal_aborted(
-    make_cell: Any, tmp_path: Path, name: str
+    make_cell: Any, tmp_path: Path
 ) -> None:
     profile = tmp_path / 'waits.yaml'
-    profile.write_text(PROFILE.format(name=name, seconds=TIMEOUT), encoding='utf-8')
-    how = SPEL if name == 'spel' else '--motion=smooth'
-    cell: Cell = make_cell(
-        how, f'--controller={profile}', patience=False, controller=profile
-    ).ready()
+    profile.write_text(PROFILE, encoding='utf-8')
+    cell: Cell = make_cell(SPEL, f'--controller={profile}', patience=False, controller=profile)
+    cell.ready()
     peer = cell.peer
     usual = os.sched_getscheduler(cell.client.process_id) == os.SCHED_OTHER
     assert usual == ('keeps its normal priority' in cell.client.log.read_text(encoding='utf-8'))
     peer.enable()
-    lasts = LASTS / 3 if name == 'spel' else LASTS  # a slower plan is rejected
+    lasts = LASTS / 3  # a slower plan is rejected
     goal = peer.goal(trajectory((0.0, START), (lasts, [FAR, *START[1:]])))
     peer.wait_for_motion()
     cell.client.send(signal.SIGSTOP)

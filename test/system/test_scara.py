@@ -5,7 +5,6 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from support.ros_peer import trajectory
 
 from epson_driver.robots import load_robot_model
@@ -16,10 +15,9 @@ NAMES = [f'joint_{number}' for number in range(1, 5)]
 TARGET = [0.5, -0.4, -0.12, -1.0]
 
 
-@pytest.mark.parametrize('motion', ['smooth', pytest.param('ptp', marks=pytest.mark.slow)])
-def test_scara_moves_and_errors_use_metres(make_cell: Any, motion: str) -> None:
+def test_scara_moves_and_errors_use_metres(make_cell: Any) -> None:
     start = '--start=' + ','.join(map(str, START))
-    cell = make_cell(f'--robot={ROBOT}', f'--motion={motion}', start, robot_model=ROBOT).ready()
+    cell = make_cell(f'--robot={ROBOT}', '--motion=smooth', start, robot_model=ROBOT).ready()
     peer = cell.peer
     peer.enable()
     assert peer.joint_states[-1].name == NAMES

@@ -117,10 +117,7 @@ def values(cell: Cell) -> dict[str, str]:
     return {value.key: value.value for value in arm.values}
 
 
-@pytest.mark.parametrize(
-    'rate', [pytest.param(30.0, marks=pytest.mark.slow), 100.0], ids=['30 Hz', '100 Hz']
-)
-def test_moveit_servo_windows_are_followed(servo_cell: Cell, rate: float) -> None:
+def test_moveit_servo_windows_are_followed(servo_cell: Cell) -> None:
     peer = servo_cell.peer
     publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
     peer.wait_for(publisher.get_subscription_count, '~/servo')
@@ -137,7 +134,7 @@ def test_moveit_servo_windows_are_followed(servo_cell: Cell, rate: float) -> Non
         message = servo.cycle(time.time(), positions, [velocity] + [0.0] * 5)
         if message is not None:
             publisher.publish(message)
-        time.sleep((0.8 + 0.4 * jitter.random()) / rate)
+        time.sleep((0.8 + 0.4 * jitter.random()) / 100.0)
     np.testing.assert_allclose(rest(servo_cell)[0], start[0] + distance, atol=1e-3)
     assert int(values(servo_cell)['setpoints received']) > before
     go_home(servo_cell)
@@ -187,13 +184,11 @@ def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None
     go_home(cell)
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(1, 4)
 def test_inv1_clock_steps_of_the_sender_do_not_speed_up_the_arm(servo_cell: Cell) -> None:
     windows_through_steps(servo_cell, lambda wrong: wrong)
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(1, 4)
 @pytest.mark.skipif(FAKE_CLOCK is None, reason='no libfaketime (Debian: apt install faketime)')
 def test_inv1_clock_steps_of_the_driver_do_not_speed_up_the_arm(tmp_path: Path) -> None:
@@ -220,7 +215,6 @@ def test_inv1_clock_steps_of_the_driver_do_not_speed_up_the_arm(tmp_path: Path) 
         cell.close()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     'topic', ['position_commands', 'velocity_commands', 'joint_commands', 'joint_jog', 'servo']
 )
@@ -312,7 +306,6 @@ def press(publishers: Publishers, peer: Any) -> int:
     pytest.fail('the arm does not move')
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize(
     'seed', [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 15))]

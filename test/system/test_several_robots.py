@@ -1,9 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Three robots in one ROS domain, each in its namespace, do not affect each other.
-
-They run with one driver process each, and with one process for all.
-"""
+"""Three robots of one process, each in its namespace, do not affect each other."""
 
 import signal
 import socket
@@ -28,18 +25,14 @@ from support.ros_peer import RosPeer, trajectory
 from epson_driver.processes import processes
 from epson_driver.simple_message import Dialect, Opaque, encode, topic
 
-SHAPES = {'process each': False, 'one process': True}
 ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
 """Topics shared by all nodes, whose entries name the robot."""
 
 
-EACH_SHAPE = [pytest.param('process each', marks=pytest.mark.slow), 'one process']
-
-
-@pytest.fixture(scope='module', params=EACH_SHAPE)
-def fleet(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+@pytest.fixture(scope='module')
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     """Three enabled robots for tests that leave them enabled and at rest."""
-    robots = Fleet(tmp_path_factory.mktemp('fleet'), together=SHAPES[request.param])
+    robots = Fleet(tmp_path_factory.mktemp('fleet'), together=True)
     try:
         yield robots.enabled()
     finally:
@@ -214,11 +207,8 @@ def test_log_names_the_robot(fleet: Fleet) -> None:
         assert message in fleet.log_text()
 
 
-@pytest.mark.parametrize('shape', EACH_SHAPE)
-def test_killed_controller_affects_no_other_robot(
-    make_fleet: Callable[..., Fleet], shape: str
-) -> None:
-    fleet = make_fleet(together=SHAPES[shape]).enabled()
+def test_killed_controller_affects_no_other_robot(make_fleet: Callable[..., Fleet]) -> None:
+    fleet = make_fleet(together=True).enabled()
     left, middle, right = fleet.peers.values()
     goals = [
         move(left, 1.0, seconds=LASTS),
@@ -240,18 +230,13 @@ def test_killed_controller_affects_no_other_robot(
         assert move(peer, -0.1).result()[0] == 'succeeded'
 
 
-@pytest.mark.parametrize(
-    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
-def test_signal_stops_all_arms_and_ends_each_goal_once(
-    make_fleet: Callable[..., Fleet], number: int
-) -> None:
+def test_signal_stops_all_arms_and_ends_each_goal_once(make_fleet: Callable[..., Fleet]) -> None:
     fleet = make_fleet(together=True, names=NAMES[:2]).enabled()
     goals = [move(peer, 1.0, seconds=LASTS) for peer in fleet.peers.values()]
     for peer in fleet.peers.values():
         peer.wait_for_motion()
     (client,) = fleet.clients
-    assert client.end(number) == 0
+    assert client.end(signal.SIGINT) == 0
     for goal in goals:
         ended, _, text = goal.result()
         assert ended == 'aborted'
@@ -262,7 +247,6 @@ def test_signal_stops_all_arms_and_ends_each_goal_once(
         assert log.count(f'[{name}.epson_driver]: goal aborted') == 1
 
 
-@pytest.mark.slow
 def test_flooding_controller_does_not_block_other_robots(tmp_path: Path) -> None:
     """One controller sends bad frames continuously. The other robot reaches its goal."""
     bad = encode(topic(Opaque(10, b'too short')), Dialect()) * 500

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
+from support.cell import LASTS, START, Cell, cell_with
 from support.ros_peer import trajectory
 
 from epson_driver.motion.closest_samples import closest_sample_indices
@@ -17,11 +17,10 @@ from epson_driver.trajectory_file import read_trajectory
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 
 
-@pytest.fixture(scope='module', params=PROGRAMS)
-def smooth_cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One enabled cell whose arm is at START after every test."""
-    how = () if request.param == 'spel' else ('--motion=smooth',)
-    cell = cell_with(tmp_path_factory.mktemp('cell'), request.param, *how).ready()
+@pytest.fixture(scope='module')
+def smooth_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """One enabled cell with the SPEL+ program, whose arm is at START after every test."""
+    cell = cell_with(tmp_path_factory.mktemp('cell'), 'spel').ready()
     cell.peer.enable()
     yield cell
     cell.close()
