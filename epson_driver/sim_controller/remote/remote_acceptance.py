@@ -151,8 +151,7 @@ def switch(name: str, text: str) -> bool:
     return text == '1'
 
 
-def robot(parameters: Sequence[str], all_robots: bool = True) -> None:
-    """Raise CommandError unless the robot is 1. With `all_robots` it may be 0 or omitted too."""
-    expect(parameters, 0 if all_robots else 1, 1)
-    if parameters and parameters[0] not in (('', '0', '1') if all_robots else ('1',)):
+def robot(parameters: Sequence[str]) -> None:
+    """Raise CommandError unless the robot is 1, 0 for all robots, or omitted."""
+    if parameters and parameters[0] not in ('', '0', '1'):
         raise wrong('robot', parameters[0], 'must be 1, the only robot')

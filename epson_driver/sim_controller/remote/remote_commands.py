@@ -48,6 +48,9 @@ MAX_CHARACTERS = 4060
 _SIMULATED = 'simulated'
 """The answer to a query for a serial number or a version."""
 
+_PREFERENCES = f'{1 << 14 | 1:023b}'
+"""Preferences as in EPSON's client: background tasks and advanced task commands are on."""
+
 
 @dataclass(slots=True)
 class Dialogue:
@@ -73,6 +76,7 @@ Run = Callable[[Dialogue, list[str]], str | None]
 class Command:
     """A remote command. `usage`: its parameters. `text`: its description.
 
+    Surplus parameters are ignored, because clients in production send `$GetStatus,0`.
     `run` executes the command and returns its value, if any. If the command has an `event`, `run`
     only checks the parameters, and then the event is applied. With `whole`, all text after the
     first comma is one parameter. `beside`: the command is accepted while a statement is executed.
@@ -85,6 +89,13 @@ class Command:
     event: Event | None = None
     whole: bool = False
     beside: bool = False
+
+    @property
+    def most(self) -> int | None:
+        """The maximum number of parameters, or None if it is not limited."""
+        if self.usage.endswith('…'):
+            return None
+        return len(self.usage.split(',')) if self.usage else 0
 
 
 class _LaterError(Exception):
@@ -132,7 +143,7 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
         needed = tuple(item for item in needed if item is not requirements.READY)
     parameters = [] if rest is None else [rest] if command.whole else rest.split(',')
     if not command.whole:
-        parameters = [part.strip() for part in parameters]
+        parameters = [part.strip() for part in parameters[: command.most]]
     value = None
     if command.event is not None:
         command.run(dialogue, parameters)
@@ -152,13 +163,12 @@ def _login(dialogue: Dialogue, parameters: list[str]) -> None:
     dialogue.logged_in = True
 
 
-def _logout(dialogue: Dialogue, parameters: list[str]) -> None:
-    expect(parameters, 0)
+def _logout(dialogue: Dialogue, _: list[str]) -> None:
     dialogue.logged_in = False
 
 
-def _plain(_dialogue: Dialogue, parameters: list[str]) -> None:
-    expect(parameters, 0)
+def _plain(_dialogue: Dialogue, _: list[str]) -> None:
+    """Check nothing: the command has no parameters."""
 
 
 def _robot(_dialogue: Dialogue, parameters: list[str]) -> None:
@@ -172,12 +182,8 @@ def _start(_dialogue: Dialogue, parameters: list[str]) -> None:
 
 
 def _set_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> None:
-    robot(parameters, all_robots=False)
-
-
-def _get_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> str:
-    expect(parameters, 0)
-    return '1'
+    expect(parameters, 1)
+    robot(parameters)
 
 
 def _home(dialogue: Dialogue, parameters: list[str]) -> None:
@@ -211,8 +217,7 @@ def _variable(least: int, most: int, _dialogue: Dialogue, parameters: list[str])
     raise wrong('variable', parameters[0], 'the program has no Global Preserve variables')
 
 
-def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
-    expect(parameters, 0)
+def _get_status(dialogue: Dialogue, _: list[str]) -> str:
     return f'{status_words.flags(dialogue.controller)},{dialogue.controller.error_number:04d}'
 
 
@@ -257,14 +262,15 @@ def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
     if isinstance(value, SpelError):
         if value.number == ErrorNumber.TASK_TYPE:
             raise CommandError(RemoteErrorNumber.NOT_READY, value.text)
+        if value.number == ErrorNumber.NOT_SIMULATED:
+            raise CommandError(RemoteErrorNumber.PARAMETER, value.text)
         if value.number not in (*OWN_NUMBERS, Shown.MOTION_ABORTED):
             dialogue.controller.show(Rejection(value.number, value.text))
         raise CommandError(RemoteErrorNumber.SYSTEM, f'error {value.number}: {value.text}')
     return f'"{value[:MAX_CHARACTERS]}"' if value else None
 
 
-def _abort(dialogue: Dialogue, parameters: list[str]) -> None:
-    expect(parameters, 0)
+def _abort(dialogue: Dialogue, _: list[str]) -> None:
     dialogue.controller.window.abort_command('the command was aborted by Abort')
 
 
@@ -274,8 +280,7 @@ def _get_motor(dialogue: Dialogue, parameters: list[str]) -> str:
     return f'1,{condition.powered:d},{condition.power is Power.HIGH:d}'
 
 
-def _get_robot_info(dialogue: Dialogue, parameters: list[str]) -> str:
-    expect(parameters, 0)
+def _get_robot_info(dialogue: Dialogue, _: list[str]) -> str:
     model = dialogue.controller.model
     return f'1,{robot_type(model)},{model.name.upper().replace("_", "-")}'
 
@@ -305,21 +310,19 @@ def _get_err_func(_dialogue: Dialogue, parameters: list[str]) -> str:
 
 
 def _fixed(value: str) -> Run:
-    def run(_dialogue: Dialogue, parameters: list[str]) -> str:
-        expect(parameters, 0)
+    def run(_dialogue: Dialogue, _: list[str]) -> str:
         return value
 
     return run
 
 
-def _get_cont_type(dialogue: Dialogue, parameters: list[str]) -> str:
-    expect(parameters, 0)
+def _get_cont_type(dialogue: Dialogue, _: list[str]) -> str:
     return dialogue.controller.profile.name.upper()
 
 
-def _get_cont_dev(_dialogue: Dialogue, parameters: list[str]) -> str:
-    expect(parameters, 0)
-    return str(status_words.CONTROL_DEVICE)
+def _get_hofs(dialogue: Dialogue, parameters: list[str]) -> str:
+    robot(parameters)
+    return ','.join('0' for _ in dialogue.controller.model.limits.names)
 
 
 def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
@@ -387,7 +390,7 @@ COMMANDS: dict[str, Command] = {
     'SetMotorsOn': Command('robot', 'motors on', _SAFE, _robot, Event.MOTORS_ON),
     'SetMotorsOff': Command('robot', 'motors off', _OFF, _robot, Event.MOTORS_OFF),
     'SetCurRobot': Command('robot', 'select the robot', _IDLE, _set_cur_robot),
-    'GetCurRobot': Command('', 'the selected robot', _FREE, _get_cur_robot),
+    'GetCurRobot': Command('', 'the selected robot', _FREE, _fixed('1')),
     'Home': Command('robot', 'move to the home position', _SOUND, _home),
     **_io_commands(),
     'GetVariable': Command('name,…', 'no variables here', _FREE, partial(_variable, 1, 3)),
@@ -405,7 +408,18 @@ COMMANDS: dict[str, Command] = {
     'GetContNo': Command('', 'serial number', _FREE, _fixed(_SIMULATED)),
     'GetContVer': Command('', 'firmware', _FREE, _fixed(_SIMULATED)),
     'GetContType': Command('', 'controller', _FREE, _get_cont_type),
-    'GetContDev': Command('', 'device in control', _FREE, _get_cont_dev),
+    'GetContDev': Command(
+        '', 'device in control', _FREE, _fixed(str(status_words.CONTROL_DEVICE))
+    ),
+    'GetContSettings': Command('', 'preferences, bits', _FREE, _fixed(_PREFERENCES)),
+    'GetContMacAdd': Command('', 'MAC address', _FREE, _fixed('00-00-00-00-00-00')),
+    'GetSubnetMask': Command('', 'subnet mask', _FREE, _fixed('255.255.255.0')),
+    'GetDefaultGateway': Command('', 'default gateway', _FREE, _fixed('0.0.0.0')),  # noqa: S104 - not bound
+    'GetCpuLoad': Command('', 'processor load, %', _FREE, _fixed('0')),
+    'GetHofs': Command('robot', '0 for each joint', _FREE, _get_hofs),
+    'GetHealthCont': Command('', '-1: no health data', _FREE, _fixed('-1')),
+    'GetHealthRB': Command('robot,part,joint', '-1: no health data', _FREE, _fixed('-1')),
+    'GetPartWarning': Command('robot', 'no warnings of six parts', _FREE, _fixed('0,0,0,0,0,0')),
     'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
     'Sim': Command('…', 'only in the simulation', _FREE, _sim, beside=True),
 }
