@@ -93,7 +93,7 @@ class StderrLog(logging.Handler):
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Queue the line for the thread, or drop it if the rate limit or the queue is exceeded."""
+        """Queue the line for the thread. Drop it if its rate is too high or the queue is full."""
         where = (record.pathname, record.lineno)
         if where not in self._throttles:
             self._throttles[where] = LogThrottle(BURST_LINES)

@@ -307,8 +307,8 @@ def joined(first: Trajectory, then: Trajectory) -> Trajectory:
 def divided(trajectory: Trajectory, start: Array) -> Trajectory:
     """Return a trajectory whose points are at most LONGEST_SEGMENT_S apart.
 
-    start: the joint positions before the first point, shape (n,). Points are added where
-    necessary, by the same interpolation as in the driver.
+    start: joint positions before the first point, shape (n,). Points are added where necessary,
+    with the same interpolation as in the driver.
     """
     from epson_driver.driver.goal.reference import ReferenceTrajectory
 

@@ -90,8 +90,8 @@ class Throttle:
 
 
 IDLE_PERIOD_S, MAX_PERIOD_S = 0.04, 0.5
-"""Maximum period of ~/controller_state, s, without a goal, and during a goal whatever the
-action_monitor_rate. The panel and smooth_goals read the arm's joints from this topic."""
+"""Maximum period of ~/controller_state, s: without a goal, and during a goal if
+action_monitor_rate is lower. The panel and smooth_goals read the arm's joints from this topic."""
 
 RESULT_TIMEOUT_S = 60
 """Time for which a goal and its result are stored for late requests, s. rclpy's default of 15
