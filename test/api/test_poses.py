@@ -60,10 +60,10 @@ def test_named_frames_nest_and_work_with_the_tool_frame():
     known.set('tray', homogeneous(np.eye(3), np.array([0.1, 0.0, 0.02])), 'table')
     on_tray = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]
     target = known.target('pose', on_tray, 'tray')
-    assert target.seen_from(HERE)[:3, 3] == pytest.approx([0.5, 0.2, 0.12])
+    assert target.in_base_link(HERE)[:3, 3] == pytest.approx([0.5, 0.2, 0.12])
     assert known.pose_in(target.pose, 'tray')[:3, 3] == pytest.approx([0.0, 0.0, 0.1])
     in_tool = known.target('pose', on_tray, 'tool')
-    assert in_tool.seen_from(HERE)[:3, 3] == pytest.approx([0.4, 0.0, 0.6])
+    assert in_tool.in_base_link(HERE)[:3, 3] == pytest.approx([0.4, 0.0, 0.6])
     assert set(known.poses) == {'base_link', 'base', 'table', 'tray'}
     # an EPSON point in a named frame, like in an EPSON Local
     assert known.target('pose', EpsonPoint(100, 0, 20), 'table').pose[:3, 3] == pytest.approx(

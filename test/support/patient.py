@@ -61,7 +61,7 @@ def be_patient(
             assert isinstance(getattr(module, constant), type(seconds))
             assign(module, constant, seconds)
     if timeouts is TIMEOUTS:  # no watchdog for a process that is not scheduled
-        assign(Heartbeat, 'ask', lambda _self: None)
+        assign(Heartbeat, 'request_version', lambda _self: None)
 
 
 if __name__ == '__main__':
