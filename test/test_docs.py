@@ -6,6 +6,7 @@ import ast
 import re
 import runpy
 import shutil
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -97,24 +98,24 @@ def is_text(line):
     return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant)
 
 
+@cache
 def sentences():
-    """Yield all texts in the driver's code, with … for the values of f-strings."""
+    """Return all texts in the driver's code, with … for the values of f-strings."""
+    texts = []
     for package in ('driver', 'node', 'link', 'simple_message'):
         for path in (ROOT / 'epson_driver' / package).rglob('*.py'):
             for node in ast.walk(without_docstrings(path)):
                 if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                    yield node.value
+                    texts.append(node.value)
                 elif isinstance(node, ast.JoinedStr):
                     parts = (getattr(part, 'value', None) for part in node.values)
-                    yield ''.join(part if isinstance(part, str) else '…' for part in parts)
-
-
-TEXTS = '\n'.join(sentences())
+                    texts.append(''.join(part if isinstance(part, str) else '…' for part in parts))
+    return '\n'.join(texts)
 
 
 @pytest.mark.parametrize('message', MESSAGES)
 def test_documented_message_exists_in_the_driver(message):
-    assert message in TEXTS
+    assert message in sentences()
 
 
 DOCS = Path(__file__).parents[1] / 'docs' / 'remote.md'

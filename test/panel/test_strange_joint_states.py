@@ -91,7 +91,7 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[JogRig]:
     ('names', 'positions'),
     [
         pytest.param(JOINTS[::-1], [0.5, -0.4, 0.3, 0.2, -0.1, 0.6], id='the same, reversed'),
-        pytest.param(['finger_joint'], [0.01], id='of a gripper'),
+        pytest.param(['finger_joint'], [0.01], id='of a gripper', marks=pytest.mark.slow),
     ],
 )
 def test_inv10_jog_ignores_other_joint_state_publishers(
