@@ -24,15 +24,12 @@ def check_plans(first: int, last: int) -> None:
         assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)
 
 
-@pytest.mark.parametrize(
-    'first', [0, *(pytest.param(first, marks=pytest.mark.slow) for first in (3, 6, 9))]
-)
-def test_limits_hold_at_every_instant_of_a_plan(first: int) -> None:
-    check_plans(first, first + 3)
+def test_limits_hold_at_every_instant_of_a_plan() -> None:
+    check_plans(0, 3)
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize('block', blocks(20, slow=3))
+@pytest.mark.parametrize('block', blocks(20, slow=1))
 def test_limits_hold_at_every_instant_in_2000_plans(block: int) -> None:
     check_plans(1000 + 100 * block, 1100 + 100 * block)
 
@@ -43,7 +40,7 @@ def test_limits_hold_at_every_instant_for_any_sequence_of_requests(seed: int) ->
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('block', blocks(10, slow=2))
+@pytest.mark.parametrize('block', blocks(10, slow=1))
 def test_limits_hold_at_every_instant_in_500_scenarios(block: int) -> None:
     for seed in range(100 + 50 * block, 150 + 50 * block):
         assert_kept(seed)

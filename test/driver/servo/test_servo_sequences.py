@@ -113,7 +113,7 @@ async def repaired(harness, controller):
 
 @pytest.mark.invariant(4)
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', range(16))
+@pytest.mark.parametrize('seed', range(8))
 def test_inv4_random_events_send_no_forbidden_point_and_end_at_rest(seed):
     async def check():
         random = np.random.default_rng(seed)
