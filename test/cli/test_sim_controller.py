@@ -57,13 +57,7 @@ def until(condition):
 
 
 @pytest.mark.parametrize(
-    ('number', 'motion'),
-    [
-        (signal.SIGTERM, 'smooth'),
-        (signal.SIGINT, 'ptp'),
-        pytest.param(signal.SIGTERM, 'ptp', marks=pytest.mark.slow),
-        pytest.param(signal.SIGINT, 'smooth', marks=pytest.mark.slow),
-    ],
+    ('number', 'motion'), [(signal.SIGTERM, 'smooth'), (signal.SIGINT, 'ptp')]
 )
 def test_signal_during_motion_exits_with_0(start, number, motion):
     process, ports = start('--motion', motion)

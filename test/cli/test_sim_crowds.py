@@ -116,9 +116,7 @@ def assert_pressed(port):
 
 
 @pytest.mark.invariant(7)
-@pytest.mark.parametrize(
-    'idle', [64, *(pytest.param(count, marks=pytest.mark.slow) for count in (16, 1000))]
-)
+@pytest.mark.parametrize('idle', [16, 1000])
 def test_inv7_idle_clients_do_not_block_the_pendant(crowded, crowd, idle):
     process, ports, log = crowded()
     crowd([ports['remote']], idle)
@@ -128,9 +126,7 @@ def test_inv7_idle_clients_do_not_block_the_pendant(crowded, crowd, idle):
 
 
 @pytest.mark.invariant(9)
-@pytest.mark.parametrize(
-    'limit', [32, *(pytest.param(count, marks=pytest.mark.slow) for count in (64, 48))]
-)
+@pytest.mark.parametrize('limit', [32, 48])
 def test_inv9_pendant_connects_when_descriptors_are_exhausted(crowded, crowd, limit):
     process, ports, log = crowded(limit)
     with connect(ports['state']) as state:
@@ -248,12 +244,7 @@ SPEL = ('--controller', 'spel')
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize(
-    ('arguments', 'port'),
-    [
-        (PTP, 'motion'),
-        *(pytest.param(PTP, name, marks=pytest.mark.slow) for name in ('state', 'io', 'remote')),
-        *(pytest.param(SPEL, name, marks=pytest.mark.slow) for name in ('motion', 'io', 'remote')),
-    ],
+    ('arguments', 'port'), [(PTP, 'motion'), (PTP, 'state'), (SPEL, 'io'), (SPEL, 'remote')]
 )
 def test_inv7_floods_neither_use_memory_nor_stop_the_state(start, arguments, port):
     """The SPEL+ program has one state client, which is this test."""

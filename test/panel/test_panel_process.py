@@ -20,7 +20,6 @@ from support.ros_peer import PATIENCE, trajectory
 from websockets.exceptions import InvalidStatus
 
 from epson_driver.processes import processes
-from epson_driver.processes.interrupt import ENDING
 
 SENT = 'goal sent: swing'
 
@@ -172,9 +171,7 @@ def test_frozen_page_cancels_its_goal(cell: Cell, panel: PanelProcess) -> None:
 
 
 @pytest.mark.invariant(3)
-@pytest.mark.parametrize(
-    'number', [signal.SIGHUP, *(pytest.param(item, marks=pytest.mark.slow) for item in ENDING[:3])]
-)
+@pytest.mark.parametrize('number', [signal.SIGHUP, signal.SIGTERM])
 def test_panel_cancels_its_goal_at_exit(
     cell: Cell, tmp_path: Path, number: signal.Signals
 ) -> None:

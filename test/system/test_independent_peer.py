@@ -189,7 +189,7 @@ def distances(samples: np.ndarray, points: np.ndarray) -> np.ndarray:
     ('name', 'rests'),
     [
         ('around_pillar_11_points', False),
-        pytest.param('pick_and_place_20ms', True, marks=pytest.mark.slow),
+        ('pick_and_place_20ms', True),
     ],
 )
 def test_standard_library_client_observes_a_smooth_motion(

@@ -31,7 +31,7 @@ def to_and_fro() -> Any:
     [
         ('simulated', 'streaming'),
         ('abb', 'download'),
-        pytest.param('motoman', 'streaming', marks=pytest.mark.slow),
+        ('motoman', 'streaming'),
     ],
 )
 def test_ctrl_c_brakes_within_limits_and_ends_the_goal_once(

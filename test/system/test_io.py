@@ -175,7 +175,6 @@ def test_estop_and_lost_controller_invalidate_the_values(
     assert [state.valid for state in peer.states[seen:]] == [False, True]
 
 
-@pytest.mark.slow
 def test_spel_program_serves_io_during_an_estop(make_cell: Any, make_io_peer: Any) -> None:
     """Its I/O server is a background task without analogue points."""
     cell: Cell = make_cell(program='spel').ready()

@@ -12,7 +12,7 @@ from action_msgs.msg import GoalStatus
 from control_msgs.action import ExecuteMotionPrimitiveSequence, GripperCommand
 from control_msgs.msg import MotionArgument, MotionPrimitive
 from rclpy.action import ActionClient
-from support.cell import LASTS, START, Cell
+from support.cell import LASTS, Cell
 from support.primitives import ARM, READY, Sequence, joint_move, tool_move
 
 from epson_driver.tool_motion.pose_path import distance_from
@@ -74,7 +74,6 @@ def with_blend(motion: MotionPrimitive, radius: float) -> MotionPrimitive:
     return motion
 
 
-@pytest.mark.slow
 def test_blended_motions_round_the_corners_and_report_feedback(cell: Cell) -> None:
     to_ready(cell)
     peer = cell.peer
@@ -107,7 +106,6 @@ LONG = [tool_move((0.0, 0.08 * (1 - n % 2), 0.0), velocity=0.1) for n in range(2
 """A sequence with a long planning time."""
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(4, 5)
 @pytest.mark.parametrize('how', ['cancel', 'stop', 'disable'])
 def test_sequence_ended_during_planning_never_moves(cell: Cell, how: str) -> None:
@@ -140,7 +138,6 @@ ODD_NAMES = (
 )
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(1, 5)
 def test_odd_arguments_are_rejected_and_the_fastest_move_respects_limits(
     cell: Cell,
@@ -168,7 +165,6 @@ def test_odd_arguments_are_rejected_and_the_fastest_move_respects_limits(
     assert max(speeds) <= 1.02 * FASTEST
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(3)
 def test_cancel_stops_the_arm_during_a_sequence(cell: Cell) -> None:
     to_ready(cell)
@@ -178,27 +174,6 @@ def test_cancel_stops_the_arm_during_a_sequence(cell: Cell) -> None:
     ended, code, text = sequence.result()
     assert (ended, code) == ('canceled', 0), text
     assert not np.allclose(cell.peer.assert_still(), FAR, atol=1e-2)
-
-
-@pytest.mark.slow
-@pytest.mark.invariant(4)
-def test_inv4_estop_ends_a_sequence_and_keeps_the_arm_disabled(cell: Cell) -> None:
-    to_ready(cell)
-    sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
-    sequence.wait_for_motion()
-    cell.pendant('estop', 'press')
-    ended, code, text = sequence.result()
-    assert (ended, code) == ('aborted', INVALID_GOAL)
-    assert 'E-stop' in text
-    cell.peer.wait_for(lambda: cell.peer.robot_status[-1].in_motion.val == 0, 'rest')
-    cell.pendant('estop', 'release')
-    cell.pendant('reset')
-    stopped = cell.peer.assert_still()
-    ended, _, text = Sequence(cell.peer, [joint_move(START)]).result()
-    assert ended == 'aborted'
-    assert 'not enabled' in text
-    assert np.allclose(cell.peer.assert_still(), stopped, atol=1e-6)
-    cell.peer.enable()
 
 
 OPEN, CLOSED = 0.04, 0.0

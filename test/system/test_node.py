@@ -75,9 +75,8 @@ def test_driver_started_before_the_controller_connects(tmp_path: Path) -> None:
         assert client.end() == 0
 
 
-@pytest.mark.parametrize('byte_order', ['auto', pytest.param('big', marks=pytest.mark.slow)])
-def test_big_endian_controller_executes_a_goal(make_cell: Any, byte_order: str) -> None:
-    cell = make_cell('--byte-order=big', byte_order=byte_order).ready()
+def test_big_endian_controller_executes_a_goal(make_cell: Any) -> None:
+    cell = make_cell('--byte-order=big').ready()
     cell.peer.enable()
     there = [START[0] + 0.1, *START[1:]]
     assert cell.peer.goal(trajectory((0.0, START), (0.5, there))).result()[0] == 'succeeded'
@@ -126,7 +125,7 @@ def test_driver_does_not_start_if_required_security_is_unavailable(
     ('setting', 'words'),
     [
         ('byte_order:=middle', ('byte_order', 'middle', 'auto, little, big')),
-        pytest.param('motion_port:=eleven', ('motion_port', 'eleven'), marks=pytest.mark.slow),
+        ('motion_port:=eleven', ('motion_port', 'eleven')),
         ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of unique names')),
         ('robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
     ],

@@ -103,7 +103,6 @@ def check_executables(lib: Path, workspace: Path | None) -> None:
         process.stdout.close()
 
 
-@pytest.mark.slow
 def test_colcon_build_installs_a_ros_package(colcon_install: Path) -> None:
     fraction = colcon_install / 'share'
     assert (fraction / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
@@ -158,7 +157,6 @@ def test_colcon_finds_the_packages_of_the_readme() -> None:
     assert listed(ROOT, ROOT / 'interfaces', ROOT / 'variants') == [*names, *variants]
 
 
-@pytest.mark.slow
 def test_colcon_test_runs_pytest(colcon_install: Path) -> None:
     workspace = colcon_install.parents[1]
     colcon(workspace, 'test', '--pytest-args', 'test/inputs/test_rules.py', 'test/test_share.py')
@@ -171,7 +169,6 @@ def test_colcon_test_runs_pytest(colcon_install: Path) -> None:
     assert not results.findall('.//failure')
 
 
-@pytest.mark.slow
 def test_tests_are_collected_with_the_declared_libraries_only() -> None:
     """rosdep installs no Pinocchio, for example, so tests that need it are skipped."""
     code = (
@@ -193,7 +190,6 @@ def test_tests_are_collected_with_the_declared_libraries_only() -> None:
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr
 
 
-@pytest.mark.slow
 def test_plain_colcon_build_explains_how_to_build_the_messages(tmp_path: Path) -> None:
     workspace = copied(tmp_path)
     run = colcon(workspace, 'build', prefix='')

@@ -64,8 +64,6 @@ with Robot.simulated(start=[0.0, 0.2, 0.2, 0.0, -1.9, 0.0]) as robot:
     print(robot.move_line([0.0, 0.02, 0.0, 0.0, 0.0, 0.0, 1.0], frame='tool').text)
 """
 
-pytestmark = pytest.mark.slow
-
 
 def run(*words: object, where: Path) -> subprocess.CompletedProcess[str]:
     """Run a command outside the source tree, without this Python environment."""

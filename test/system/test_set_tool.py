@@ -103,7 +103,6 @@ def check_line(cell: Cell, arm: Kinematics) -> None:
     assert max(distance_from(place, line) for place in places) < ACCURACY_M
 
 
-@pytest.mark.slow
 def test_primitives_move_the_tool_of_the_parameters_at_first(cell: Cell) -> None:
     check_frame(cell, 'left_tool', AT_START)
     check_line(cell, arm_with(AT_START))

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.examples import one_in
 from support.traps import sprung, trap_folder
 
 from epson_driver.demo.run import TOO_BUSY
@@ -61,7 +60,7 @@ def test_traps_record_an_import(tmp_path: Path) -> None:
     assert sprung(made)
 
 
-@pytest.mark.parametrize('name', one_in(4, EXECUTABLES))
+@pytest.mark.parametrize('name', EXECUTABLES)
 def test_executable_prints_its_usage(folder: Path, name: str) -> None:
     assert ended(started(folder, name, '--help')).startswith(f'usage: epson_driver {name} ')
 
@@ -78,7 +77,6 @@ def test_program_moves_a_simulated_robot(folder: Path) -> None:
     ended(started(folder, sys.executable, '-P', '-c', MOVE))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     'words',
     [
@@ -93,7 +91,6 @@ def test_tools_that_start_processes_work(folder: Path, words: list[str]) -> None
     ended(started(folder, *words), 0, TOO_BUSY)
 
 
-@pytest.mark.slow
 def test_panel_starts_with_the_simulated_controller(folder: Path) -> None:
     pytest.importorskip('websockets')
     process = started(folder, 'sim_controller', *FREE, '--panel')
