@@ -160,14 +160,14 @@ class Segments(list[Segment]):
         first, *others = self
 
         def at(time: float) -> State:
-            position, velocity, acceleration = first.motion.at(time - first.begin)
+            position, velocity, acceleration = first.motion.at(time - first.start)
             for segment in others:
-                p, v, a = segment.motion.at(time - segment.begin)
+                p, v, a = segment.motion.at(time - segment.start)
                 position = position + p - segment.motion.origin
                 velocity, acceleration = velocity + v, acceleration + a
             return position, velocity, acceleration
 
-        instants = [cuts(item.motion, item.begin, self._since, now) for item in self]
+        instants = [cuts(item.motion, item.start, self._since, now) for item in self]
         spans = spans_of(at, np.concatenate(instants))
         self._since = now
         self._state = self._oracle.judge(spans, self._state)

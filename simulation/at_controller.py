@@ -115,11 +115,11 @@ class AtController:
 
     def keeps_points(self) -> None:
         """Expect old points to be executed until a new client has sent STOP."""
-        world, came = self._world, self._world.controller.client_came
+        world, came = self._world, self._world.controller.client_connected
 
-        def client_came() -> None:
+        def client_connected() -> None:
             came()
-            world.arm.client_came()
+            world.arm.client_connected()
             world.loop.call_later(3.0 * world.delay + STOP_S, look, self._now())
 
         def look(since: float) -> None:
@@ -127,7 +127,7 @@ class AtController:
             if not held and not world.wishes.any(self._now()):
                 world.arm.old_points_over(since)
 
-        world.controller.client_came = client_came
+        world.controller.client_connected = client_connected
 
     # --- a person ----------------------------------------------------------------------------
 

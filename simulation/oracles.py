@@ -219,7 +219,7 @@ class Arm:
         self._unwanted_since, self._rested = self._now(), True
         self._rest, self._hold = target, away + HOLD_RAD
 
-    def client_came(self) -> None:
+    def client_connected(self) -> None:
         """Expect old points to be executed until STOP has arrived (docs/safety.md)."""
         self._wishes.asked = self._now()
 

@@ -31,7 +31,7 @@ from epson_driver.remote_ethernet.hand import (
     UsageError,
     action,
     do,
-    told,
+    value_or_empty,
 )
 from epson_driver.sim_controller.faults.fault_kinds import describe
 
@@ -127,7 +127,7 @@ async def _perform(requested: Action, command: str, arguments: argparse.Namespac
             try:
                 if requested.commands and requested.commands[0].startswith('Sim,'):
                     async with connected(*place) as ask:  # $Sim needs no login
-                        if await told(ask, 'Sim,identity'):
+                        if await value_or_empty(ask, 'Sim,identity'):
                             return await _result(ask, requested, command, address)
                 async with logged_in(*place, arguments.password, max(MAX_LOGINS, tries)) as ask:
                     return await _result(ask, requested, command, address)
@@ -177,14 +177,17 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
 async def _status(ask: Ask) -> str:
     """Return the state of a controller as lines. A simulated one reports more of them."""
     flags, shown = await ask_flags(ask)
-    texts, motor = load_error_texts(), (await told(ask, 'GetMotor,0')).split(',')
-    condition, names = await told(ask, 'Sim,condition'), ('joints', 'tasks', 'timing', 'fault')
+    texts, motor = load_error_texts(), (await value_or_empty(ask, 'GetMotor,0')).split(',')
+    condition, names = (
+        await value_or_empty(ask, 'Sim,condition'),
+        ('joints', 'tasks', 'timing', 'fault'),
+    )
     rows = [condition.replace(';', '\n') or f'motors={"".join(motor[1:2])}']
     if result := flags_inhibit(flags, shown, texts):
         rows.append(f'state={with_remedy(result.text, result.remedy, {})}')
     if shown:
         rows.append(f'error={texts.phrase(shown)}: {texts.advice(shown, "see the manual")}')
     rows.append(f'flags={" ".join(flags)}')
-    parts = {name: await told(ask, f'Sim,{name}') for name in names}
+    parts = {name: await value_or_empty(ask, f'Sim,{name}') for name in names}
     rows += [f'{name}: {item}'.replace(';', '\n') for name, item in parts.items() if item]
     return '\n'.join(rows)

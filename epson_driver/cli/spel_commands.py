@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace, project: Project) -> int:
         arguments.remote_port,
         fast=arguments.fast,
         seconds=arguments.seconds,
-        around=_environment(arguments, folder, keep=True),
+        environment=_environment(arguments, folder, keep=True),
     )
 
 

@@ -16,7 +16,7 @@ from math import radians
 
 from epson_driver.inputs import decimal
 from epson_driver.remote_ethernet.client import MAX_ERROR_DIGITS, Ask, RemoteError
-from epson_driver.remote_ethernet.hand import told
+from epson_driver.remote_ethernet.hand import value_or_empty
 
 FLAGS = (
     'Test',
@@ -83,12 +83,12 @@ async def identity(ask: Ask, address: str) -> str:
     The type and the robot are omitted if they are missing or malformed. Raises the exceptions of
     `ask`, except RemoteError.
     """
-    result = _SIMULATED.fullmatch(await told(ask, 'Sim,identity'))
+    result = _SIMULATED.fullmatch(await value_or_empty(ask, 'Sim,identity'))
     if result:
         simulated = '' if result[1] == 'simulated' else ' (simulated)'
         return f'{result[1]}{simulated}, {result[2]}, {address}'
-    controller = await told(ask, 'GetContType')
-    robot = (await told(ask, 'GetRobotInfo')).rpartition(',')[2]
+    controller = await value_or_empty(ask, 'GetContType')
+    robot = (await value_or_empty(ask, 'GetRobotInfo')).rpartition(',')[2]
     return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])
 
 

@@ -130,12 +130,12 @@ async def do(ask: Ask, requested: Action) -> str:
         except RemoteError as error:
             if error.number == RemoteErrorNumber.BAD_COMMAND and command.startswith('Sim,'):
                 continue
-            why = await told(ask, 'Sim,why')
+            why = await value_or_empty(ask, 'Sim,why')
             raise RefusedError(why or str(error), error.number, explained=bool(why)) from error
     raise RefusedError('not possible remotely at a real controller: do it there by hand')
 
 
-async def told(ask: Ask, command: str) -> str:
+async def value_or_empty(ask: Ask, command: str) -> str:
     """Send a command and return the value of its reply, or '' if the controller refuses it."""
     try:
         return await ask(command)

@@ -50,14 +50,14 @@ DEFAULT_SPEED = 0.05
 class SpelSource(NamedTuple):
     """A SPEL+ program, its ports, and its terminal (None: log the output).
 
-    `around`: the environment of the program (None: the default). `starts`: the function to run. If
-    it is not main, BgMain is not started either.
+    `environment`: the environment of the program (None: the default). `starts`: the function to
+    run. If it is not main, BgMain is not started either.
     """
 
     program: CompiledProgram
     network: ProgramNetwork
     terminal: Terminal | None = None
-    around: ProgramEnvironment | None = None
+    environment: ProgramEnvironment | None = None
     starts: str = MAIN
 
 
@@ -85,27 +85,27 @@ def new_controller(
         raise ValueError(
             f'{model.name}: {len(limits.names)} joints: a message carries at most {MAX_JOINTS}'
         )
-    where = clipped(np.zeros(len(limits.names)), limits) if start is None else start
+    start_position = clipped(np.zeros(len(limits.names)), limits) if start is None else start
     controller = Controller(
         model,
         profile,
-        where,
+        start_position,
         dialect or Dialect(profile.byte_order),
         planner,
         profile.state.period if state_period is None else state_period,
         seed,
     )
     if spel is not None:
-        _run_spel(controller, spel, where)
+        _run_spel(controller, spel, start_position)
     else:
         controller.clients = ClientConnections(controller)
         if profile.program.interface == 'statements':
             controller.tables = NOTHING_LOADED
-        controller.arm = _new_arm(controller, where, planner)
+        controller.arm = _new_arm(controller, start_position, planner)
         motoman = profile.program.kind == 'motoman'
         controller.program = MotomanProgram(controller) if motoman else MotionProgram(controller)
-        controller.new_window = lambda: _command_window(controller)
-    controller.begin()
+        controller.new_command_window = lambda: _command_window(controller)
+    controller.apply_power()
     return controller
 
 
@@ -129,10 +129,10 @@ def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
         executor,
         source.network,
         source.terminal,
-        around=source.around,
+        environment=source.environment,
         starts=source.starts,
     )
-    controller.new_window = lambda: program
+    controller.new_command_window = lambda: program
 
 
 def _statements(controller: Controller, start: Array) -> PointToPoint:
@@ -152,14 +152,14 @@ def _command_window(controller: Controller) -> SpelProgram:
     """Return an empty program for $Execute, which takes over the arm for each motion."""
     executor = _statements(controller, controller.arm.commanded)
 
-    def claim() -> None:
+    def acquire_arm() -> None:
         if controller.clients.has_client('motion'):
             text = 'the client of the motion port controls the arm'
             raise SpelError(ErrorNumber.TASK_TYPE, text)
         controller.arm.switch_executor(executor)
 
     network = ProgramNetwork({})
-    return SpelProgram(build({'': ''}), controller, executor, network, claim=claim)
+    return SpelProgram(build({'': ''}), controller, executor, network, acquire_arm=acquire_arm)
 
 
 def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
@@ -232,5 +232,5 @@ def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]
     result['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
     result['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
     result |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
-    there = set(_NAMES.findall(text))
-    return {name: value for name, value in result.items() if name in there}
+    existing = set(_NAMES.findall(text))
+    return {name: value for name, value in result.items() if name in existing}

@@ -9,6 +9,7 @@ faults act, and a session.
 import logging
 from collections.abc import Callable, Iterator
 from itertools import cycle
+from operator import attrgetter
 
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
@@ -116,23 +117,23 @@ class ClientWatchdog:
         self._clock = clock
         self._slice = timeout / SLICES
         self._silent = silent
-        self._quiet = -1
+        self._silent_slices = -1
         self._timer: Timer | None = None
 
     def receive(self, frame: Frame) -> None:
         """Restart the timeout after a message. The first heartbeat starts it."""
-        self._quiet = -1  # the current slice does not count
+        self._silent_slices = -1  # the current slice does not count
         if frame.heartbeat and self._timer is None:
-            self._timer = self._clock.every(self._slice, self._look, first=self._slice)
+            self._timer = self._clock.every(self._slice, self._end_slice, first=self._slice)
 
     def end(self) -> None:
         """Stop the watchdog after the client has disconnected."""
         if self._timer is not None:
             self._timer.cancel()
 
-    def _look(self) -> None:
-        self._quiet += 1
-        if self._quiet == SLICES:
+    def _end_slice(self) -> None:
+        self._silent_slices += 1
+        if self._silent_slices == SLICES:
             self._silent()
 
 
@@ -150,7 +151,7 @@ class MotionSession:
         self._framer = Framer(controller.dialect.byte_order)
         self._open = True
         controller.reply = send
-        controller.client_came()
+        controller.client_connected()
 
     def receive(self, data: bytes) -> None:
         """Process the client's bytes. Raises FrameError if frame synchronization is lost.
@@ -201,7 +202,7 @@ class ClientConnection(Session):
         self.port = port
         self._clients = clients
         self.local = client.local
-        self._begun = controller.clock.now
+        self._connection_time = controller.clock.now
         self._abort = client.abort
         self._close = client.close
         self._controller = controller
@@ -212,7 +213,7 @@ class ClientConnection(Session):
         self._open = True
 
     @property
-    def claim(self) -> tuple[bool, bool, bool, float]:
+    def eviction_priority(self) -> tuple[bool, bool, bool, float]:
         """The sort key for eviction from a full remote port. The client with the lowest key goes.
 
         The criteria in order of precedence: a new client, a client on this machine, a client with
@@ -222,8 +223,8 @@ class ClientConnection(Session):
         session = self.session
         if not isinstance(session, RemoteSession):
             raise TypeError(f'a client of the {self.port} port is never evicted')
-        new = self._controller.clock.now < self._begun + GRACE_S
-        return new, self.local, session.obeyed, session.heard
+        new = self._controller.clock.now < self._connection_time + GRACE_S
+        return new, self.local, session.has_accepted_command, session.last_command_time
 
     def receive(self, data: bytes) -> None:
         """Process bytes from the client. Raises FrameError if frame synchronization is lost."""
@@ -250,7 +251,7 @@ class ClientConnection(Session):
         """End the session after the client has disconnected."""
         if self._open:
             self._open = False
-            self._clients.gone(self)
+            self._clients.remove(self)
             self.session.closed()  # before the transport, which still sends its last answers
             self._transport.close()
 
@@ -287,48 +288,46 @@ class ClientConnections:
             return self._spel.session(port, send, client.close)
         return _open(self._controller, port, send, client)
 
-    def gone(self, connection: ClientConnection) -> None:
+    def remove(self, connection: ClientConnection) -> None:
         """Remove a closed connection."""
         self._connections.remove(connection)
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
-        for connection in [
-            connection for connection in self._connections if connection.port in ports
-        ]:
+        for connection in self._of(*ports):
             connection.hang_up()
 
     def disconnect_after_flush(self, port: str) -> None:
         """Close the connections of all clients of the port once all bytes are sent."""
-        for connection in [held for held in self._connections if held.port == port]:
+        for connection in self._of(port):
             connection.disconnect_after_flush()
 
     def has_client(self, port: str) -> bool:
         """Return whether a port has a client."""
-        return any(connection.port == port for connection in self._connections)
+        return bool(self._of(port))
 
     def make_room(self, port: str) -> None:
         """Close the connection of the port's oldest client, unless the arm has points."""
-        held = [connection for connection in self._connections if connection.port == port]
-        if held and not self._controller.moving:
+        connections = self._of(port)
+        if connections and not self._controller.moving:
             _log.warning('the oldest %s client is disconnected for a new one', port)
-            held[0].hang_up()
+            connections[0].hang_up()
 
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the lowest priority, if any."""
-        connection = min(self._remote, key=lambda connection: connection.claim, default=None)
+        key = attrgetter('eviction_priority')
+        connection = min(self._of('remote'), key=key, default=None)
         if connection is not None:
-            known = 'had an accepted command' if connection.claim[2] else 'was pending'
+            known = 'had an accepted command' if connection.eviction_priority[2] else 'was pending'
             _log.warning('a remote client is disconnected for a new one, it %s: %s', known, why)
             connection.hang_up()
 
-    @property
-    def _remote(self) -> list[ClientConnection]:
-        return [connection for connection in self._connections if connection.port == 'remote']
+    def _of(self, *ports: str) -> list[ClientConnection]:
+        return [connection for connection in self._connections if connection.port in ports]
 
     def check_login(self) -> None:
         """Raise ConnectionRefusedError if a client of an exclusive port is logged in."""
-        sessions = [connection.session for connection in self._remote]
+        sessions = [connection.session for connection in self._of('remote')]
         one = self._controller.profile.remote.clients == 1
         if one and any(isinstance(item, RemoteSession) and item.logged_in for item in sessions):
             raise ConnectionRefusedError('a client is logged in, only one is served')
@@ -359,12 +358,12 @@ class ClientConnections:
 
     def _make_room(self, client: Client) -> str | None:
         """Make room for one more remote client. Return why it is refused, or None."""
-        held = self._remote
-        if len(held) < MAX_REMOTE_CLIENTS:
+        connections = self._of('remote')
+        if len(connections) < MAX_REMOTE_CLIENTS:
             return None
-        if not client.local and all(connection.local for connection in held):
-            return f'{len(held)} clients of this machine are connected'
-        self.dismiss_remote(f'{len(held)} are connected')
+        if not client.local and all(connection.local for connection in connections):
+            return f'{len(connections)} clients of this machine are connected'
+        self.dismiss_remote(f'{len(connections)} are connected')
         return None
 
 

@@ -53,7 +53,7 @@ class Clock:
         self.now = 0.0
         self._timers: list[tuple[float, int, Timer]] = []
         self._numbers = count()
-        self._most = MIN_TIMERS_TO_SWEEP
+        self._sweep_threshold = MIN_TIMERS_TO_SWEEP
 
     @property
     def timers(self) -> int:
@@ -79,11 +79,11 @@ class Clock:
         """
         return self._set(Timer(self.now + first, action, period, catch_up))
 
-    def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
+    def advance(self, until: float, elapse: Callable[[float], None] = _nothing) -> None:
         """Advance the time to `until`, and run the timers due by then.
 
         The time proceeds from one timer to the next. Before each timer, and once at the end,
-        `passes` is called with the time elapsed since its last call, s. The core advances the arm
+        `elapse` is called with the time elapsed since its last call, s. The core advances the arm
         by this time, so each action sees the arm's position at its due time, however late this
         call is. Timers set by an action run in the same call if they are due by `until`.
         """
@@ -91,15 +91,15 @@ class Clock:
             timer = self._timers[0][2]
             if timer.period is not None and self._skip(timer, timer.period, until):
                 continue
-            self._pass(due, passes)
-            if self.next_due == due:  # not cancelled by `passes`
+            self._pass(due, elapse)
+            if self.next_due == due:  # not cancelled by `elapse`
                 self._act(heapq.heappop(self._timers)[2])
-        self._pass(until, passes)
+        self._pass(until, elapse)
 
-    def _pass(self, until: float, passes: Callable[[float], None]) -> None:
+    def _pass(self, until: float, elapse: Callable[[float], None]) -> None:
         elapsed = max(until - self.now, 0.0)
         self.now = max(self.now, until)
-        passes(elapsed)
+        elapse(elapsed)
 
     def _skip(self, timer: Timer, period: float, until: float) -> bool:
         """Skip the missed calls of a periodic timer. Return whether any were skipped."""
@@ -122,7 +122,7 @@ class Clock:
             action()
 
     def _set(self, timer: Timer) -> Timer:
-        if len(self._timers) >= self._most:
+        if len(self._timers) >= self._sweep_threshold:
             self._drop_cancelled()
         heapq.heappush(self._timers, (timer.due, next(self._numbers), timer))
         return timer
@@ -131,4 +131,4 @@ class Clock:
         """Remove cancelled timers, so that memory is bounded by the active ones."""
         self._timers = [entry for entry in self._timers if entry[2].action is not None]
         heapq.heapify(self._timers)
-        self._most = max(MIN_TIMERS_TO_SWEEP, 2 * len(self._timers))
+        self._sweep_threshold = max(MIN_TIMERS_TO_SWEEP, 2 * len(self._timers))

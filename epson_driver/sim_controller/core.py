@@ -54,10 +54,10 @@ from epson_driver.sim_controller.ports import (
     VERSION,
     WITHOUT_WATCHDOG,
     Client,
+    CommandWindow,
     Program,
     Send,
     Session,
-    Window,
 )
 from epson_driver.simple_message import (
     Dialect,
@@ -76,7 +76,7 @@ _NO_PLANNER = Rejection(
     ErrorNumber.PLANNER_FAILED, 'the motion planner is restarting: try again in a second'
 )
 
-_LENT = Rejection(ErrorNumber.MOTION_ABORTED, 'a command of $Execute moves the arm')
+_BORROWED = Rejection(ErrorNumber.MOTION_ABORTED, 'a command of $Execute moves the arm')
 
 CYCLE_PERIOD_S = 0.004
 """Period of the motion control, s."""
@@ -123,7 +123,7 @@ class Controller:
     arm: SimulatedArm
     program: Program
     clients: Clients
-    new_window: Callable[[], Window]
+    new_command_window: Callable[[], CommandWindow]
     """Function that creates the program for the statements of $Execute."""
 
     tables: Tables = REGIONS
@@ -156,7 +156,7 @@ class Controller:
             remote_only=profile.program.interface == 'statements',
         )
         self.spel = SpelSettings(profile.motion.speed, profile.motion.accel)
-        self._window: Window | None = None  # the command window, once it has been used
+        self._command_window: CommandWindow | None = None  # created when first used
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
@@ -164,13 +164,9 @@ class Controller:
         self.reply: Send | None = None  # sends replies of the motion program
         self._error: int = ErrorNumber.NONE  # error of the controller itself, until a reset
         self._error_text = ''  # message of the program for this error, or empty
-        self._begun = 0  # number of started points of which the faults have been notified
+        self._reported_points = 0  # number of started points reported to the faults
         self._slowing = False  # whether the arm brakes and then resumes at low power
         self._unattended = False  # whether the arm is paused until the next motion client
-
-    def begin(self) -> None:
-        """Complete the construction, once arm, program and clients are set."""
-        self._set_power()
 
     # Actions of operators and clients.
 
@@ -182,14 +178,14 @@ class Controller:
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
-            does = 'braking' if off else 'moving'
-            raise RejectedError(f'the arm is still {does}: try again when it has stopped')
+            activity = 'braking' if off else 'moving'
+            raise RejectedError(f'the arm is still {activity}: try again when it has stopped')
         self.condition = after(before, event, self.tables)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
         if event is Event.RESET:
             self.errors.clear()
-            self._forget_error()
+            self._clear_error()
             self.io.reset()
         elif event is Event.MOTORS_ON:
             self.errors.clear(ErrorNumber.MOTORS_OFF)
@@ -198,18 +194,18 @@ class Controller:
         elif event is Event.BOOT:
             self.io.boot()
             self.errors.clear()
-            self._forget_error()
+            self._clear_error()
             for program in self._programs():
                 program.boot()
         if event in DEFAULTS_AFTER:
-            self.forget_settings()
+            self.reset_settings()
         self._react(before)
-        self._set_power()
-        self._settle()
+        self.apply_power()
+        self._handle_standstill()
         if event in (Event.RESET, Event.BOOT):
-            self._look_at_buttons()
+            self._reapply_buttons()
 
-    def _look_at_buttons(self) -> None:
+    def _reapply_buttons(self) -> None:
         """Apply a pressed E-stop and an open door again, after reset and boot."""
         if self.condition.estop is EStop.PRESSED:
             self.apply(Event.ESTOP_PRESS)
@@ -225,18 +221,18 @@ class Controller:
         return self.clients.connect(port, client)
 
     @property
-    def window(self) -> Window:
+    def command_window(self) -> CommandWindow:
         """The program for $Execute: the SPEL+ program, or one beside the built-in program."""
-        if self._window is None:
-            self._window = self.new_window()
-        return self._window
+        if self._command_window is None:
+            self._command_window = self.new_command_window()
+        return self._command_window
 
     def _programs(self) -> Iterable[Program]:
         yield self.program
-        if self._window is not None and self._window is not self.program:
-            yield self._window
+        if self._command_window is not None and self._command_window is not self.program:
+            yield self._command_window
 
-    def client_came(self) -> None:
+    def client_connected(self) -> None:
         """React to a new motion client. An arm that waited for a client resumes its motion."""
         self._end_command('a client of the motion port connected')
         if self.profile.server.lost_client == 'brake':
@@ -247,8 +243,8 @@ class Controller:
                 self.arm.executor.resume()
 
     def _end_command(self, why: str) -> None:
-        if self._window is not None:
-            self._window.abort_command(f'the command was aborted: {why}')
+        if self._command_window is not None:
+            self._command_window.abort_command(f'the command was aborted: {why}')
 
     def client_lost(self) -> None:
         """React to the loss of the motion client, as the profile's `lost_client` specifies."""
@@ -273,7 +269,7 @@ class Controller:
             _log.error('error %d: %s', number, self.error_text(number))
         self.apply(Event.CRITICAL_ERROR if critical else Event.ERROR)
 
-    def _forget_error(self) -> None:
+    def _clear_error(self) -> None:
         self._error, self._error_text = ErrorNumber.NONE, ''
 
     def reboot(self, seconds: float) -> None:
@@ -305,7 +301,7 @@ class Controller:
         if not powered and self.in_motion:
             raise RejectedError('the arm is still braking: try again when it has stopped')
         self.arm.push(clipped(pushed, limits), powered)
-        self._settle()
+        self._handle_standstill()
 
     def freeze(self, joint: int | None) -> None:
         """Freeze the encoder of one joint (index from 0). None unfreezes all encoders."""
@@ -339,8 +335,8 @@ class Controller:
 
     def tasks(self) -> Iterable[TaskRow]:
         """Yield the tasks for display."""
-        own = self.program.tasks()
-        return own if own is not None else rows(self.condition)
+        tasks = self.program.tasks()
+        return tasks if tasks is not None else rows(self.condition)
 
     # Time.
 
@@ -377,26 +373,26 @@ class Controller:
     def _move(self, dt: float) -> None:
         """Advance the arm by `dt` ≥ 0 s, during which no timer is due."""
         if self.in_motion:
-            own = self.arm.executor is self.arm.own
-            self.arm.step(dt, self.program.step if own else self.window.step)
-            self._settle()
-        while self._begun < self.arm.own.begun:
-            self._begun += 1
-            self.faults.point_begun()
+            by_program = self.arm.executor is self.arm.program_executor
+            self.arm.step(dt, self.program.step if by_program else self.command_window.step)
+            self._handle_standstill()
+        while self._reported_points < self.arm.program_executor.started_points:
+            self._reported_points += 1
+            self.faults.point_started()
 
     # State.
 
     def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
         """Set the numbers of a SPEL+ setting, which must be in its range."""
         self.spel.change(name, numbers)
-        self._keep_to_settings()
+        self._apply_settings()
 
-    def forget_settings(self) -> None:
+    def reset_settings(self) -> None:
         """Reset Speed, Accel and the other settings to their initial values."""
-        self.spel.forget()
-        self._keep_to_settings()
+        self.spel.reset()
+        self._apply_settings()
 
-    def _keep_to_settings(self) -> None:
+    def _apply_settings(self) -> None:
         """Apply Speed and Accel to the next point-to-point statements."""
         self.arm.executor.speed = self.spel.speed
         self.arm.executor.accel = self.spel.accel
@@ -471,40 +467,40 @@ class Controller:
     def _recover(self) -> None:
         """Return slowly to the point of interruption, if the arm has power and points."""
         if self.condition.motors is Motors.ON and self.arm.executor.moving:
-            self.arm.go_back()
+            self.arm.start_recovery()
 
-    def _settle(self) -> None:
+    def _handle_standstill(self) -> None:
         """If the arm is at rest, take the steps that were waiting for this.
 
         They are a resumption at low power, the end of a recovery, and switching the motors off.
         """
         if self.in_motion:
             return
-        self._tell_timing()
+        self._log_failures()
         if self._slowing:
             self._slowing = False
             if not self.condition.paused:
                 self._resume_arm()
         if self.condition.tasks is Tasks.RECOVERING:
-            self.arm.went_back()
+            self.arm.end_recovery()
             self.apply(Event.RECOVERED)
             if self.arm.executor.moving:
-                self.trajectory_begins()  # the trajectory resumes at its own power
+                self.trajectory_starts()  # the trajectory resumes at its own power
             return
-        self.arm.rest()
+        self.arm.restore_executor()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
-    def _set_power(self) -> None:
+    def apply_power(self) -> None:
         """Apply the power to the arm. A moving arm brakes before it resumes at low power."""
         arm, low = self.arm.executor, self.condition.power is not Power.HIGH
-        goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
-        if low and not arm.low_power and goes_on and not arm.still:
+        continues = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
+        if low and not arm.low_power and continues and not arm.at_rest:
             self._slowing = True
             arm.hold()
         arm.low_power = low
 
-    def trajectory_begins(self) -> None:
+    def trajectory_starts(self) -> None:
         """Set the power for a trajectory that starts now."""
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
@@ -512,8 +508,8 @@ class Controller:
     def motion_rejection(self) -> Rejection | None:
         """Return why a point is refused now, or None."""
         rejection = state_port.motion_rejection(self.condition)
-        if rejection is None and self.arm.executor is not self.arm.own:
-            return _LENT
+        if rejection is None and self.arm.executor is not self.arm.program_executor:
+            return _BORROWED
         if rejection is None and self._planner is not None and not self._planner.ready:
             return _NO_PLANNER
         return rejection
@@ -525,7 +521,7 @@ class Controller:
         """
         return state_port.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
-    def _tell_timing(self) -> None:
+    def _log_failures(self) -> None:
         """Log the timing and planning failures during the motion that has ended, if any."""
         sentence = self.timing.since(self._reported)
         if sentence:

@@ -65,17 +65,17 @@ class Client(Protocol):
 class ClientSession(Session, Protocol):
     """The session of a port that a SPEL+ program has opened as a client.
 
-    `wanted`: the program has not closed the port.
+    `is_open`: the program has not closed the port.
     """
 
     name: str
-    wanted: bool
+    is_open: bool
 
     @property
     def tcp_port(self) -> int:
         """The TCP port of the peer."""
 
-    def begin(self, send: Send, close: Callable[[], None]) -> None:
+    def start(self, send: Send, close: Callable[[], None]) -> None:
         """Start the session with a connected peer."""
 
 
@@ -152,7 +152,7 @@ class Program(Protocol):
         """Return the tasks for display, or None for those in condition/tasks.py."""
 
 
-class Window(Program, Protocol):
+class CommandWindow(Program, Protocol):
     """A SPEL+ program that can also execute commands (the text of $Execute), one at a time."""
 
     @property
@@ -189,31 +189,31 @@ def failure(msg_type: int) -> Packet:
     return reply(Opaque(msg_type), ReplyCode.FAILURE)
 
 
-def answer(packet: Packet, own: Answers) -> Packet | None:
+def answer(packet: Packet, answers: Answers) -> Packet | None:
     """Return the reply to a request, or None for topics and replies, which are not answered.
 
-    `own` has precedence over the default answers, except for PING.
+    `answers` has precedence over the default answers, except for PING.
     """
     if packet.comm_type is not CommType.SERVICE_REQUEST:
         return None
     if isinstance(packet.message, Ping):
         return reply(Ping((0,) * len(packet.message.padding)), ReplyCode.SUCCESS)
-    if packet.msg_type in own:
-        return reply(own[packet.msg_type](), ReplyCode.SUCCESS)
+    if packet.msg_type in answers:
+        return reply(answers[packet.msg_type](), ReplyCode.SUCCESS)
     if packet.msg_type == MessageType.GET_VERSION:
         return reply(GetVersion(VERSION), ReplyCode.SUCCESS)
     return failure(packet.msg_type)
 
 
-def answer_frame(frame: Frame, own: Answers) -> Packet | None:
+def answer_frame(frame: Frame, answers: Answers) -> Packet | None:
     """Return the reply to a frame that may have an invalid header or body, see `answer`.
 
     Topics and replies are not answered, because two peers could otherwise answer each other
     forever.
     """
     try:
-        return answer(decode(frame), own)
+        return answer(decode(frame), answers)
     except (HeaderError, BodyError) as error:
         _log.warning('refused: %s', error)
-        wanted = frame.msg_type > 0 and frame.comm_type not in UNANSWERED
-        return failure(frame.msg_type) if wanted else None
+        answered = frame.msg_type > 0 and frame.comm_type not in UNANSWERED
+        return failure(frame.msg_type) if answered else None

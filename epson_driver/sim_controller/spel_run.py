@@ -36,7 +36,7 @@ from epson_driver.spel import (
 )
 from epson_driver.spel.code import FunctionCode
 
-LOOK_S = 0.02
+POLL_PERIOD_S = 0.02
 """Polling period for the end of the program, s of the controller's time."""
 
 ALL_BITS, ALL_FLAGS = 4096, 1024
@@ -92,11 +92,15 @@ class Bench:
         self._profile = replace(profile, io=boards)
 
     def controller(
-        self, program: Program, terminal: Terminal, around: ProgramEnvironment, starts: str = MAIN
+        self,
+        program: Program,
+        terminal: Terminal,
+        environment: ProgramEnvironment,
+        starts: str = MAIN,
     ) -> tuple[Controller, ProgramNetwork]:
         """Return a controller that has just booted, and the ports of its program."""
         network = program_network(self._profile)
-        source = SpelSource(program, network, terminal, around, starts)
+        source = SpelSource(program, network, terminal, environment, starts)
         return new_controller(self._model, self._profile, spel=source), network
 
 
@@ -107,7 +111,7 @@ def run(
     *,
     fast: bool,
     seconds: float | None,
-    around: ProgramEnvironment,
+    environment: ProgramEnvironment,
 ) -> int:
     """Run a program to its end, or for at most `seconds`, and return the exit code.
 
@@ -115,7 +119,7 @@ def run(
     opened.
     """
     console = WaitingConsole() if fast else Console()
-    controller, network = bench.controller(program, console, around)
+    controller, network = bench.controller(program, console, environment)
     if fast:
         return _run_fast(controller, seconds or LONGEST_S)
     return asyncio.run(_run(controller, network, console, remote_port, seconds))
@@ -150,12 +154,12 @@ async def _run(
     print(f'listening {listening}', file=sys.stderr, flush=True)
     over = asyncio.Event()
 
-    def look() -> None:
+    def poll() -> None:
         late = seconds is not None and controller.clock.now >= seconds
         if late or _exit_code(controller) is not None:
             over.set()
 
-    controller.clock.every(LOOK_S, look, first=LOOK_S)
+    controller.clock.every(POLL_PERIOD_S, poll, first=POLL_PERIOD_S)
     _read_stdin(console, servers)
     try:
         await servers.run_until(over)
@@ -220,49 +224,50 @@ class TestResult:
 
 
 def run_tests(
-    program: Program, bench: Bench, names: Callable[[str], bool], around: ProgramEnvironment
+    program: Program, bench: Bench, names: Callable[[str], bool], environment: ProgramEnvironment
 ) -> Iterator[TestResult]:
     """Run the tests for whose name `names` returns True, and yield each result."""
     for code in program.functions:
         if code.name.lower().startswith('test') and names(code.name):
-            yield run_function(program, code, bench, around.fresh())
+            yield run_function(program, code, bench, environment.fresh())
 
 
 def run_function(
     program: Program,
     code: FunctionCode,
     bench: Bench,
-    around: ProgramEnvironment,
-    longest: float = LONGEST_S,
+    environment: ProgramEnvironment,
+    max_time: float = LONGEST_S,
 ) -> TestResult:
-    """Run a function instead of main to its end, or for at most `longest` s."""
+    """Run a function instead of main to its end, or for at most `max_time` s."""
     if code.parameters:
         return TestResult(code.name, code.at, 'a test cannot have parameters', '', 0.0)
     terminal = KeptText()
-    controller, _ = bench.controller(program, terminal, around, code.name)
+    controller, _ = bench.controller(program, terminal, environment, code.name)
     spel, clock = controller.program, controller.clock
     assert isinstance(spel, SpelProgram)  # noqa: S101 - the bench makes no other
-    goes_on = True
-    while goes_on and not spel.failure and spel.main_runs and clock.now < longest:
-        goes_on = _pass_time(controller, longest)
-    at, error = code.at, ''
+    pending = True
+    while pending and not spel.failure and spel.main_runs and clock.now < max_time:
+        pending = _pass_time(controller, max_time)
+    position, error = code.at, ''
     if spel.failure is not None:
-        at, error = spel.failure.position, f'error {spel.failure.number}: {spel.failure.text}'
+        position = spel.failure.position
+        error = f'error {spel.failure.number}: {spel.failure.text}'
     elif spel.main_runs:
         view = next(spel.machine.tasks())
-        at, error = Position(view.file, view.line), 'waits for an event that cannot occur'
-        if goes_on:
-            error = f'still running after {longest:g} s of controller time'
+        position, error = Position(view.file, view.line), 'waits for an event that cannot occur'
+        if pending:
+            error = f'still running after {max_time:g} s of controller time'
     printed, lines = ''.join(terminal.printed), spel.machine.lines()
-    return TestResult(code.name, at, error, printed, clock.now, lines)
+    return TestResult(code.name, position, error, printed, clock.now, lines)
 
 
 def covered(results: Iterable[TestResult]) -> dict[str, dict[int, bool]]:
     """Return file → line with statements → whether any test has executed it."""
-    match: dict[str, dict[int, bool]] = {}
+    executed: dict[str, dict[int, bool]] = {}
     for result in results:
         for file, lines in result.lines.items():
-            known = match.setdefault(file, {})
+            known = executed.setdefault(file, {})
             for line, ran in lines.items():
                 known[line] = known.get(line, False) or ran
-    return match
+    return executed

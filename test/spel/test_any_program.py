@@ -82,7 +82,7 @@ def build_and_run(text: str) -> str:
         assert re.match(r'main\.prg:\d+: error \d+ in \w+ \(task \d+\): .', str(failure))
     for code in program.functions[:3]:
         if not code.parameters:
-            error = run_function(program, code, SCARA, ProgramEnvironment(), longest=0.1).error
+            error = run_function(program, code, SCARA, ProgramEnvironment(), max_time=0.1).error
             assert re.match(r'(error \d+: .|still running after |waits for |$)', error)
     return 'run'
 

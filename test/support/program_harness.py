@@ -69,7 +69,7 @@ class ProgramHarness:
             clock=self.clock,
             motion_rejection=lambda: self.blocked,
             send_reply=lambda packet: self.sent.extend(encode(packet, Dialect())),
-            trajectory_begins=lambda: self.began(),
+            trajectory_starts=lambda: self.began(),
             clients=SimpleNamespace(
                 disconnect_after_flush=lambda port: self.events.append('hung up')
             ),

@@ -199,7 +199,7 @@ def on_controller(source: str, around: ProgramEnvironment | None = None) -> Test
     """Run main on a simulated controller, for 60 s at most."""
     program = build({'main.prg': source})
     main = program.by_name['main']
-    return run_function(program, main, SCARA, around or ProgramEnvironment(), longest=60.0)
+    return run_function(program, main, SCARA, around or ProgramEnvironment(), max_time=60.0)
 
 
 def files(source: str, **others: str) -> dict[str, str]:

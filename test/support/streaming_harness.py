@@ -77,7 +77,7 @@ class StreamingHarness:
     def until_still(self, most=2.0):
         """Run until the arm is at rest, and return the time needed, s."""
         steps = 0
-        while not self.arm.still:
+        while not self.arm.at_rest:
             assert steps * DT < most, 'the arm does not come to rest'
             self._step()
             steps += 1

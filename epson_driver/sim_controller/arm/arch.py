@@ -23,10 +23,10 @@ from epson_driver.tool_motion.curve_motion import (
 
 _KINDS = 'velocity', 'acceleration', 'jerk'
 
-STANDS = 1e-9
+STATIONARY = 1e-9
 """Largest displacement over a leg, rad or m, at which a joint counts as stationary."""
 
-ON_IT = 1e-6
+ON_LEG = 1e-6
 """Largest distance from a leg, rad or m, at which the arm counts as on it."""
 
 UP, ACROSS = 0.2, 0.8
@@ -42,14 +42,14 @@ CHECKS = 50
 class Leg(Protocol):
     """One leg of an arch, between two joint positions, shape (n,), rad."""
 
-    begin: Array
+    start: Array
     end: Array
     curve: Curve
 
-    def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
+    def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
         """Return the joint limits, and the limits of the speed along this leg.
 
-        share: permitted fraction of the low-power tool speed.
+        fraction: permitted fraction of the low-power tool speed.
         """
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
@@ -61,8 +61,8 @@ class Arch:
 
     The move across starts at the fraction `leave` of the move up and ends at the fraction `join`
     of the move down. If a joint takes part in two overlapping moves, the move up or down uses at
-    most half of its limits, and the move across the rest. After a pause the remaining legs run one
-    after the other.
+    most half of its limits, and the move across the rest. After a pause the remaining legs run
+    one after the other.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Arch:
 
     def __call__(self, start: Array, low_power: bool) -> JointMoves:
         """Return the motion from rest at `start`, shape (n,), rad."""
-        if np.array_equal(start, self._legs[0].begin):
+        if np.array_equal(start, self._legs[0].start):
             parts = self._overlapping(low_power)
         else:
             parts = self._one_by_one(start, low_power)
@@ -88,42 +88,45 @@ class Arch:
             return 1.0
         if time <= part.start:
             return -1.0
-        gone, whole = part.move.at(time - part.start)[0] - part.origin, part.move.end - part.origin
-        return float(np.linalg.norm(gone) / np.linalg.norm(whole))
+        passed, whole = (
+            part.move.at(time - part.start)[0] - part.origin,
+            part.move.end - part.origin,
+        )
+        return float(np.linalg.norm(passed) / np.linalg.norm(whole))
 
     def _one_by_one(self, start: Array, low_power: bool) -> list[Part]:
         rise, span, *falls = self._legs
-        left = list(self._legs) if on(rise, start) else [span, *falls]
-        if falls and on(falls[0], start):
-            left = falls
+        remaining = list(self._legs) if is_on_leg(rise, start) else [span, *falls]
+        if falls and is_on_leg(falls[0], start):
+            remaining = falls
         parts: list[Part] = []
-        for leg in left:
+        for leg in remaining:
             origin, first = (parts[-1].move.end, parts[-1].end) if parts else (start, 0.0)
             parts.append(Part(first, origin, leg.from_rest(origin, low_power)))
-        self._across = parts[left.index(span)] if span in left else None
+        self._across = parts[remaining.index(span)] if span in remaining else None
         return parts
 
     def _overlapping(self, low_power: bool) -> list[Part]:
         rise, span, *falls = self._legs
-        both = span.curve.most[0] > STANDS
+        shared = span.curve.most[0] > STATIONARY
         limits = self._limits
         if low_power:
-            limits = changed(limits, lambda _, most: LOW_POWER * most)
-        half = changed(limits, lambda _, most: np.where(both, most / 2.0, most))
-        asked, speed = span.asked(low_power, ACROSS)
-        beside = [(leg.curve, leg.asked(low_power, UP)[1]) for leg in (rise, *falls)]
-        uses = [joint_use(curve, *kept(half, curve, speed)) for curve, speed in beside]
+            limits = changed(limits, lambda _, limit: LOW_POWER * limit)
+        half = changed(limits, lambda _, limit: np.where(shared, limit / 2.0, limit))
+        span_limits, speed = span.limits_and_speed(low_power, ACROSS)
+        vertical = [(leg.curve, leg.limits_and_speed(low_power, UP)[1]) for leg in (rise, *falls)]
+        uses = [joint_use(curve, *kept(half, curve, speed)) for curve, speed in vertical]
         used = dict(zip(_KINDS, np.max(uses, axis=0), strict=True))
-        left = changed(
+        rest = changed(
             limits,
-            lambda kind, most: np.minimum(
-                getattr(asked, kind), np.where(both, most - used[kind], most)
+            lambda kind, limit: np.minimum(
+                getattr(span_limits, kind), np.where(shared, limit - used[kind], limit)
             ),
         )
-        across = go_along(left, span.curve, speed)
-        up, *downs = (go_along(half, *item) for item in beside)
+        across = go_along(rest, span.curve, speed)
+        up, *downs = (go_along(half, *item) for item in vertical)
         self._across = Part(up.when(self._leave), rise.end, across)
-        parts = [Part(0.0, rise.begin, up), self._across]
+        parts = [Part(0.0, rise.start, up), self._across]
         for down in downs:
             start = max(self._across.end - down.when(self._join), up.duration)
             parts.append(Part(start, span.end, down))
@@ -137,18 +140,21 @@ class Arch:
             *((fall, 0.0, self._join, span.end) for fall in falls),
         ]
         for leg, first, last, corner in corners:
-            shares = np.linspace(first, last, CHECKS).tolist()
-            ways = np.array([leg.curve.at(fraction)[0] for fraction in shares]), span.curve.samples
-            away = [way - corner for way in ways]  # each is 0 at the corner
-            minimum = corner + sum(np.min(item, axis=0) for item in away)
-            maximum = corner + sum(np.max(item, axis=0) for item in away)
+            fractions = np.linspace(first, last, CHECKS).tolist()
+            paths = (
+                np.array([leg.curve.at(fraction)[0] for fraction in fractions]),
+                span.curve.samples,
+            )
+            deviations = [path - corner for path in paths]  # each is 0 at the corner
+            minimum = corner + sum(np.min(item, axis=0) for item in deviations)
+            maximum = corner + sum(np.max(item, axis=0) for item in deviations)
             check_range(self._limits, np.array([minimum, maximum]))
 
 
-def on(leg: Leg, position: Array) -> bool:
+def is_on_leg(leg: Leg, position: Array) -> bool:
     """Return whether a joint position, shape (n,), rad, is on a leg."""
     nearest, *_ = leg.curve.at(leg.curve.nearest(position))
-    return np.allclose(nearest, position, rtol=0.0, atol=ON_IT)
+    return np.allclose(nearest, position, rtol=0.0, atol=ON_LEG)
 
 
 def changed(limits: JointLimits, by: Callable[[str, Array], Array]) -> JointLimits:

@@ -56,7 +56,7 @@ class Executor(Protocol):
     """SPEL+ Accel: a fraction (0, 1] of the acceleration, from the next statement on."""
 
     @property
-    def begun(self) -> int:
+    def started_points(self) -> int:
         """Number of points whose motion has started since the executor was created."""
 
     @property
@@ -76,7 +76,7 @@ class Executor(Protocol):
         """Whether the arm moves or has points to execute, even during a hold."""
 
     @property
-    def still(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
 
     @property
@@ -102,7 +102,7 @@ class Executor(Protocol):
     def resume(self) -> None:
         """Resume after `hold`, towards the same points."""
 
-    def settle(self, position: Array) -> None:
+    def set_position(self, position: Array) -> None:
         """Set the position, shape (n,), rad, after the arm was moved without power.
 
         Raises RuntimeError unless the arm is at rest without points.

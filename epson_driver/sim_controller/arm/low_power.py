@@ -84,9 +84,9 @@ class LowPower:
             raise ValueError(f'reach: {self.reach.size} values for {len(limits.names)} joints')
 
 
-def low_power_caps(reach: Array, share: float = 1.0) -> LowPower:
+def low_power_caps(reach: Array, fraction: float = 1.0) -> LowPower:
     """Return the caps of a robot with these joint reaches, shape (n,), m.
 
-    share: permitted fraction of the low-power tool speed.
+    fraction: permitted fraction of the low-power tool speed.
     """
-    return LowPower(LOW_POWER, share * LOW_POWER_TOOL_SPEED, reach)
+    return LowPower(LOW_POWER, fraction * LOW_POWER_TOOL_SPEED, reach)

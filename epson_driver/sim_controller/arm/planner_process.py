@@ -97,8 +97,8 @@ class PlannerProcess:
         self._watchdog = asyncio.get_running_loop().call_later(
             PLAN_TIMEOUT_S, self._child.kill_hung
         )
-        report, self._limits = self._limits, limits
-        self._child.send((request, None if limits is report else limits))
+        previous, self._limits = self._limits, limits
+        self._child.send((request, None if limits is previous else limits))
 
     async def run(
         self,
@@ -112,18 +112,18 @@ class PlannerProcess:
         """
         while True:
             if self._child is None:
-                await self._start_again()
+                await self._restart()
             else:
                 try:
                     plan = await self._child.receive()
                 except PlannerError as error:
                     await self.close()
                     with present():
-                        self._pass_on(None)
+                        self._deliver(None)
                         failed(str(error))
                 else:
                     with present():
-                        self._pass_on(plan)
+                        self._deliver(plan)
 
     async def close(self) -> None:
         """End the process."""
@@ -131,7 +131,7 @@ class PlannerProcess:
         if child is not None:
             await child.end()
 
-    async def _start_again(self) -> None:
+    async def _restart(self) -> None:
         await asyncio.sleep(RESTART_DELAY_S)
         try:
             await self.start()
@@ -140,7 +140,7 @@ class PlannerProcess:
         else:
             _log.info('the motion planner has recovered')
 
-    def _pass_on(self, plan: Any) -> None:
+    def _deliver(self, plan: Any) -> None:
         answer, self._answer = self._answer, None
         if self._watchdog is not None:
             self._watchdog.cancel()
@@ -157,8 +157,8 @@ class _Child:
         self._process = process
         self._requests = process.stdin
         self._answers = process.stdout
-        self._words = asyncio.create_task(_log_lines(process.stderr))
-        self._hung = False
+        self._log_task = asyncio.create_task(_log_lines(process.stderr))
+        self._timed_out = False
 
     @classmethod
     async def started(cls) -> '_Child':
@@ -188,19 +188,19 @@ class _Child:
             raise PlannerError(f'sent {error}') from error
 
     def kill_hung(self) -> None:
-        self._hung = True
+        self._timed_out = True
         self._kill()
 
     async def end(self) -> None:
         await end_worker(self._process)
-        await self._words
+        await self._log_task
 
     async def _exit_reason(self) -> str:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(EXIT_TIMEOUT_S):
                 await self._process.wait()
         code = self._process.returncode
-        if self._hung:
+        if self._timed_out:
             return f'did not reply within {PLAN_TIMEOUT_S:g} s'
         if code is None:
             return 'closed its pipe'

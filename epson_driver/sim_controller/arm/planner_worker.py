@@ -28,9 +28,9 @@ def main() -> None:
     gc.collect()
     gc.freeze()
     write_value(answers, None)
-    while (order := read_value(requests, PASSED_TYPES)) is not None:
-        request, others = order
-        limits = others or limits
+    while (message := read_value(requests, PASSED_TYPES)) is not None:
+        request, new_limits = message
+        limits = new_limits or limits
         write_value(answers, plan(request, limits))
 
 

@@ -39,7 +39,7 @@ class Statement:
 
     target: joint positions, shape (n,), rad. speed, accel: fractions of the limits. ready: its
     earliest start, s. duration: its minimum duration, s (0: unspecified). executed: whether the
-    program may continue, though the arm may still decelerate. begun: whether its motion has
+    program may continue, though the arm may still decelerate. started: whether its motion has
     started. cp: whether it is executed as soon as the arm decelerates. path: the path, unless it
     is straight.
     """
@@ -50,14 +50,14 @@ class Statement:
     ready: float
     duration: float = 0.0
     executed: bool = False
-    begun: bool = False
+    started: bool = False
     cp: bool = False
     path: PathMotion | None = None
 
 
 @dataclass(slots=True, eq=False)
 class Segment:
-    """The motion of a statement, which starts at `begin`, s.
+    """The motion of a statement, which starts at `start`, s.
 
     speed: fraction of the limits. decelerates: whether the deceleration of a statement with `cp`
     has started, so the next motion may start.
@@ -65,7 +65,7 @@ class Segment:
 
     statement: Statement
     motion: Motion
-    begin: float
+    start: float
     speed: float
     low_power: bool
     decelerates: bool = False
@@ -73,28 +73,28 @@ class Segment:
     @property
     def braking(self) -> float:
         """Time at which the deceleration starts, s."""
-        return self.begin + self.motion.braking
+        return self.start + self.motion.braking
 
     @property
     def end(self) -> float:
         """Time at which the motion ends, s."""
-        return self.begin + self.motion.duration
+        return self.start + self.motion.duration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brake:
-    """A stop, which starts at `begin`, s."""
+    """A stop, which starts at `start`, s."""
 
     motion: Stop
-    begin: float
+    start: float
 
     @property
     def end(self) -> float:
         """Time at which the arm is at rest, s."""
-        return self.begin + self.motion.duration
+        return self.start + self.motion.duration
 
 
-OVERLAP_SHARE = 0.5
+OVERLAP_FRACTION = 0.5
 """Maximum fraction of the acceleration for a move with CP, so that two moves may overlap."""
 
 
@@ -137,12 +137,12 @@ class PointToPoint:
         self._accel = accel
         self._cp = cp
         self._overhead = statement_overhead
-        self._early = acknowledge == 'taken'
-        self._most = 1 + look_ahead_points if self._early else 1
+        self._acknowledges_early = acknowledge == 'taken'
+        self._max_unexecuted = 1 + look_ahead_points if self._acknowledges_early else 1
         self._caps = caps
         self._timed = timed
-        self._late = late_blend
-        self.begun = 0
+        self._late_blend = late_blend
+        self.started_points = 0
         self._now = 0.0
         self._rest = go(limits, start, start, speed, accel).end
         self._queue: deque[Statement] = deque()  # not started
@@ -150,7 +150,7 @@ class PointToPoint:
         self._segments: list[Segment] = []
         self._brake: Brake | None = None
         self._stopping = False
-        self._held = False
+        self._paused = False
 
     @property
     def speed(self) -> float:
@@ -178,29 +178,29 @@ class PointToPoint:
         return bool(self._segments or self._queue or self._brake)
 
     @property
-    def still(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
-        return not (self._segments or self._brake) and (self._held or not self._queue)
+        return not (self._segments or self._brake) and (self._paused or not self._queue)
 
     @property
     def has_room(self) -> bool:
         """Whether the arm accepts another point now. It does not while it brakes after `stop`."""
-        return not self._stopping and self._unexecuted() < self._most
+        return not self._stopping and self._unexecuted() < self._max_unexecuted
 
     @property
     def done(self) -> bool:
         """Whether the last accepted point may be acknowledged."""
-        return self._early or not (self._stopping or self._unexecuted())
+        return self._acknowledges_early or not (self._stopping or self._unexecuted())
 
     @property
     def due_in(self) -> float:
         """Time until the next motion starts, is executed or ends, s, or inf if none is pending."""
-        return self._due() - self._now
+        return self._next_event_time() - self._now
 
     @property
     def elapsed(self) -> float:
         """Elapsed time of the current motion, s, or 0 without one."""
-        return self._now - self._segments[0].begin if self._segments else 0.0
+        return self._now - self._segments[0].start if self._segments else 0.0
 
     @property
     def destination(self) -> Array:
@@ -247,11 +247,11 @@ class PointToPoint:
         self._queue.append(
             Statement(target, speed, self._accel, ready, duration, cp=cp, path=point.path)
         )
-        if not self._segments and not self._brake and not self._held:
+        if not self._segments and not self._brake and not self._paused:
             self._skip(self._rest)
         elif self._segments and self._segments[-1].decelerates:
             last = self._segments[-1]
-            if self._now <= (last.end if self._late else last.braking):
+            if self._now <= (last.end if self._late_blend else last.braking):
                 self._blend()
 
     def stop(self) -> bool:
@@ -259,10 +259,10 @@ class PointToPoint:
 
         Return whether any of the discarded points had been acknowledged.
         """
-        lost = [self._early or statement.executed for statement in self._statements()]
+        lost = [self._acknowledges_early or statement.executed for statement in self._statements()]
         self._queue.clear()
-        self._held = False
-        self._begin_brake()
+        self._paused = False
+        self._start_brake()
         self._stopping = self._brake is not None
         return any(lost)
 
@@ -271,16 +271,16 @@ class PointToPoint:
 
         During an overlap of two moves no common path exists, so each joint brakes independently.
         """
-        if not self._held:
-            self._held = True
+        if not self._paused:
+            self._paused = True
             self._queue.extendleft(segment.statement for segment in reversed(self._segments))
-            self._begin_brake()
+            self._start_brake()
 
     def resume(self) -> None:
         """Resume after `hold` from rest, towards the first target that was not reached."""
-        self._held = False
+        self._paused = False
 
-    def settle(self, position: Array) -> None:
+    def set_position(self, position: Array) -> None:
         """Set the position, shape (n,), rad, within the limits.
 
         Raises RuntimeError if the arm moves or has points, ValueError if the position is not
@@ -299,10 +299,10 @@ class PointToPoint:
         if not self.moving:
             return dt
         until = self._now + dt
-        while (due := self._due()) <= until:
+        while (due := self._next_event_time()) <= until:
             self._now = max(self._now, due)
             before = self._unexecuted()
-            self._happen()
+            self._process_event()
             if self._unexecuted() < before or not self.moving:
                 return min(until - self._now, dt)
         self._now = until
@@ -310,14 +310,14 @@ class PointToPoint:
 
     def _state(self) -> tuple[Array, Array, Array]:
         if self._brake is not None:
-            return self._brake.motion.at(self._now - self._brake.begin)
+            return self._brake.motion.at(self._now - self._brake.start)
         if not self._segments:
             zeros = np.zeros_like(self._rest)
             return self._rest.copy(), zeros, zeros.copy()
         first, *others = self._segments
-        position, velocity, acceleration = first.motion.at(self._now - first.begin)
+        position, velocity, acceleration = first.motion.at(self._now - first.start)
         for segment in others:
-            p, v, a = segment.motion.at(self._now - segment.begin)
+            p, v, a = segment.motion.at(self._now - segment.start)
             position = position + (p - segment.motion.origin)
             velocity, acceleration = velocity + v, acceleration + a
         return position, velocity, acceleration
@@ -330,7 +330,7 @@ class PointToPoint:
 
     # Events and their times.
 
-    def _due(self) -> float:
+    def _next_event_time(self) -> float:
         """Return the time of the next event, s."""
         if self._brake is not None:
             return self._brake.end
@@ -338,9 +338,9 @@ class PointToPoint:
             last = self._segments[-1]
             braking = last.braking if last.statement.cp and not last.decelerates else inf
             return min(self._segments[0].end, braking)
-        return self._queue[0].ready if self._queue and not self._held else inf
+        return self._queue[0].ready if self._queue and not self._paused else inf
 
-    def _happen(self) -> None:
+    def _process_event(self) -> None:
         """Process the event that is due."""
         if self._brake is not None:
             self._rest = self._brake.motion.end
@@ -349,7 +349,7 @@ class PointToPoint:
         elif not self._segments:
             self._skip(self._rest)
             if self._queue and self._queue[0].ready <= self._now:
-                self._begin(self._queue[0])
+                self._mark_started(self._queue[0])
                 self._segments.append(self._segment(self._queue.popleft(), self._rest))
         elif self._now < self._segments[0].end:
             last = self._segments[-1]
@@ -367,11 +367,11 @@ class PointToPoint:
         ):
             statement = self._queue.popleft()
             statement.executed = True
-            self._begin(statement)
+            self._mark_started(statement)
 
-    def _begin(self, statement: Statement) -> None:
-        self.begun += not statement.begun
-        statement.begun = True
+    def _mark_started(self, statement: Statement) -> None:
+        self.started_points += not statement.started
+        statement.started = True
 
     def _segment(self, statement: Statement, start: Array, overlap: float = 0.0) -> Segment:
         """Return the move of a statement that starts now from rest at `start`, shape (n,), rad.
@@ -388,10 +388,9 @@ class PointToPoint:
             maximum = self._caps.fraction
         # With CP two moves overlap, and each may use half of the acceleration.
         overlaps = statement.cp or bool(self._segments)
-        accel = min(accel, OVERLAP_SHARE * maximum if overlaps else maximum)
-        ends = (self.limits, start, statement.target)
+        accel = min(accel, OVERLAP_FRACTION * maximum if overlaps else maximum)
         duration = statement.duration + overlap if statement.duration else 0.0
-        motion = go_in(*ends, duration, speed, accel)
+        motion = go_in(self.limits, start, statement.target, duration, speed, accel)
         return Segment(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
@@ -408,44 +407,44 @@ class PointToPoint:
         start, overlap = max(self._now, statement.ready, others_end), 0.0
         for _ in range(OVERLAP_ATTEMPTS):
             segment = self._segment(statement, last.motion.end, overlap)
-            start = max(start, self._overlap_begin(last, segment, start))
+            start = max(start, self._overlap_start(last, segment, start))
             if start >= last.end:
                 return
-            segment.begin = start
+            segment.start = start
             if statement.duration == 0.0 or last.end - start <= overlap:
                 self._segments.append(segment)
-                self._begin(self._queue.popleft())
+                self._mark_started(self._queue.popleft())
                 return
             overlap = last.end - start
 
-    def _overlap_begin(self, last: Segment, segment: Segment, earliest: float) -> float:
+    def _overlap_start(self, last: Segment, segment: Segment, earliest: float) -> float:
         """Return the earliest permitted start of a segment, s, not before `earliest`."""
         caps = self._caps if self.low_power else None
         # Statements with a path never overlap, so both motions are straight.
         assert isinstance(last.motion, LineMotion)  # noqa: S101
         assert isinstance(segment.motion, LineMotion)  # noqa: S101
-        return last.begin + blend_start(
+        return last.start + blend_start(
             last.motion,
             segment.motion,
             self.limits,
-            earliest - last.begin,
+            earliest - last.start,
             speed=max(last.speed, segment.speed),
             accel=1.0 if caps is None else caps.fraction,
             tool=None if caps is None else (caps.reach, caps.tool_speed),
         )
 
-    def _begin_brake(self) -> None:
+    def _start_brake(self) -> None:
         """Replace the current motions with a stop."""
         if not self._segments:
             return
         started = [
-            segment for segment in self._segments if segment.begin < self._now
+            segment for segment in self._segments if segment.start < self._now
         ] or self._segments[:1]
         if len(started) == 1:
-            motion: Stop = started[0].motion.stop(self._now - started[0].begin)
+            motion: Stop = started[0].motion.stop(self._now - started[0].start)
         else:
             motion = stop_joints(self.limits, *self._state())
         self._segments.clear()
         self._brake = Brake(motion, self._now)
         if motion.duration == 0.0:
-            self._happen()
+            self._process_event()

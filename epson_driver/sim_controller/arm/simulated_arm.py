@@ -123,7 +123,7 @@ class Servo:
         self._settled = bool((self._actual == self._command).all())
         self._pushed = True
 
-    def place(self, position: Array) -> None:
+    def set_position(self, position: Array) -> None:
         """Set the positions of the joints, shape (n,), rad, while they have no power."""
         self._command = position.copy()
         self._arrive(settled=True)
@@ -149,7 +149,7 @@ class Recovery:
         return self._motion.at(self._time)[0]
 
     @property
-    def still(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether the recovery has ended, complete or stopped."""
         return self._time >= self._motion.duration
 
@@ -174,7 +174,7 @@ class SimulatedArm:
     """
 
     def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
-        self.executor = self.own = executor
+        self.executor = self.program_executor = executor
         self.servo = servo
         self._caps = caps
         self._recovery: Recovery | None = None
@@ -183,7 +183,7 @@ class SimulatedArm:
     @property
     def in_motion(self) -> bool:
         """Whether the arm moves or is about to move."""
-        moves = not self.executor.still if self._recovery is None else not self._recovery.still
+        moves = not self.executor.at_rest if self._recovery is None else not self._recovery.at_rest
         return moves or not self.servo.settled
 
     @property
@@ -214,12 +214,12 @@ class SimulatedArm:
         self.servo.step(self.commanded, dt)
 
     def switch_executor(self, executor: Executor) -> None:
-        """Switch to another executor until `rest` finds it idle. The arm must be at rest now."""
+        """Switch to another executor until it is idle. The arm must be at rest now."""
         if self.executor is not executor:
-            executor.settle(self.commanded)
-            self._hand_over(executor)
+            executor.set_position(self.commanded)
+            self._set_executor(executor)
 
-    def _hand_over(self, to: Executor) -> None:
+    def _set_executor(self, to: Executor) -> None:
         now = self.executor
         to.low_power, to.speed, to.accel = now.low_power, now.speed, now.accel
         self.executor = to
@@ -231,20 +231,20 @@ class SimulatedArm:
 
     def brake_recovery(self) -> None:
         """Brake if the arm is returning after an open door."""
-        if self._recovery is not None and not self._recovery.still:
+        if self._recovery is not None and not self._recovery.at_rest:
             self._recovery.stop()
 
-    def go_back(self) -> None:
+    def start_recovery(self) -> None:
         """Start the slow return to the position at which the motion resumes."""
         start, target = self.commanded, self.executor.position
         self._recovery = Recovery(self.executor.limits, start, target, self._caps)
 
-    def went_back(self) -> None:
+    def end_recovery(self) -> None:
         """End the recovery, complete or not, of an arm at rest."""
         rest = self.commanded
         self._recovery = self._pushed = None
         if not self.executor.moving and not np.array_equal(rest, self.executor.position):
-            self.executor.settle(rest)
+            self.executor.set_position(rest)
 
     def push(self, angles: Array, powered: bool) -> None:
         """Push the joints to a position, shape (n,), rad, within the limits.
@@ -257,15 +257,15 @@ class SimulatedArm:
             return
         self._pushed = angles
         self._recovery = None
-        self.servo.place(angles)
+        self.servo.set_position(angles)
 
-    def rest(self) -> None:
+    def restore_executor(self) -> None:
         """Return control to the program's executor if the arm is at rest without points.
 
         The executor then starts from the current position, which a push may have changed.
         """
         if not self.in_motion and not self.executor.moving:
-            self.went_back()
-            if self.executor is not self.own:
-                self.own.settle(self.executor.position)
-                self._hand_over(self.own)
+            self.end_recovery()
+            if self.executor is not self.program_executor:
+                self.program_executor.set_position(self.executor.position)
+                self._set_executor(self.program_executor)

@@ -75,10 +75,10 @@ class PlanningLatency:
     def took(self, seconds: float, late: bool = False) -> None:
         """Adapt to a planning time, s. `late`: the plan arrived too late to be used."""
         self._recent.append(seconds)
-        wanted = MARGIN_FACTOR * float(np.percentile(self._recent, PERCENTILE))
+        latency = MARGIN_FACTOR * float(np.percentile(self._recent, PERCENTILE))
         if late:
-            wanted = max(wanted, LATE_FACTOR * self.value)
-        self.value = min(max(wanted, MIN_LATENCY_S), MAX_LATENCY_S)
+            latency = max(latency, LATE_FACTOR * self.value)
+        self.value = min(max(latency, MIN_LATENCY_S), MAX_LATENCY_S)
 
 
 class Planner(Protocol):
@@ -145,19 +145,19 @@ class Streaming:
         self._failed = failed
         self._look_ahead = look_ahead
         self._look_ahead_points = look_ahead_points
-        self.begun = 0
-        self._taken = 0
+        self.started_points = 0
+        self._accepted_points = 0
         self._now = 0.0
-        self._held = False
+        self._paused = False
         self._braking = False
         # The planner's pending request, its time, and whether its plan must not be used.
         self._request: Request | None = None
-        self._asked_at = 0.0
-        self._forgotten = False
-        self._in_vain = 0
-        self._place(start)
+        self._request_time = 0.0
+        self._request_discarded = False
+        self._failed_attempts = 0
+        self._reset(start)
 
-    def _place(self, position: Array) -> None:
+    def _reset(self, position: Array) -> None:
         """Set the position, without any points."""
         self._smoother = Smoother(
             self._power_limits[self.low_power],
@@ -165,13 +165,13 @@ class Streaming:
             latency=self._latency.value,
             planner=None,
         )
-        self._forget_request()
+        self._discard_request()
         self._goal: Array | None = None
-        if self._held:
+        if self._paused:
             self._smoother.hold()
-        self._look()
+        self._update_output()
 
-    def _look(self) -> None:
+    def _update_output(self) -> None:
         motion = self._smoother.motion
         self._position = motion.position
         self._velocity = motion.velocity
@@ -192,14 +192,14 @@ class Streaming:
         return self._smoother.moving
 
     @property
-    def still(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
-        return not self.moving or (self._held and self._smoother.at_rest)
+        return not self.moving or (self._paused and self._smoother.at_rest)
 
     @property
     def has_room(self) -> bool:
         """Whether the arm accepts another point now."""
-        if self._held or self._braking:
+        if self._paused or self._braking:
             return False
         return (
             self._smoother.points_ahead < self._look_ahead_points
@@ -216,12 +216,12 @@ class Streaming:
 
         Raises ValueError if the target is not within the limits.
         """
-        self._keep_to_power()
+        self._apply_power()
         if point.sequence == 0:
             self._smoother.finish()
         self._smoother.append(point.target, self._duration(point))
         self._goal = point.target
-        self._taken += 1
+        self._accepted_points += 1
 
     def stop(self) -> bool:
         """Discard all points, brake on the path if that can be verified, and end a hold.
@@ -229,11 +229,11 @@ class Streaming:
         Return whether acknowledged points are lost: the arm had not reached the last one.
         """
         lost = self.moving and not self._braking
-        self._taken = self.begun
+        self._accepted_points = self.started_points
         self._smoother.stop()
         self.resume()
         self._braking = self._smoother.moving
-        self._forget_request()
+        self._discard_request()
         self._goal = None
         return lost
 
@@ -242,17 +242,17 @@ class Streaming:
 
         An arm that is already braking continues to brake.
         """
-        if not self._held:
-            self._held = True
+        if not self._paused:
+            self._paused = True
             self._smoother.hold()
-            self._forget_request()
+            self._discard_request()
 
     def resume(self) -> None:
         """Resume after `hold`, towards the same points. The motion ends later by the pause."""
-        self._held = False
+        self._paused = False
         self._smoother.resume()
 
-    def settle(self, position: Array) -> None:
+    def set_position(self, position: Array) -> None:
         """Set the position, shape (n,), rad, after the arm was moved without power.
 
         Raises RuntimeError if the arm moves or has points, ValueError if the position is not
@@ -262,44 +262,44 @@ class Streaming:
             raise RuntimeError(
                 'the arm is moving or has pending points: it cannot be moved by hand'
             )
-        self._place(position)
+        self._reset(position)
 
     def step(self, dt: float) -> None:
         """Advance by `dt` ≥ 0 s, and request a plan if one is needed."""
         self._now += dt
         violations = self._smoother.violations
         self._smoother.step(dt)
-        self._look()
+        self._update_output()
         if self._smoother.violations > violations:
             self._on_limit_violation()
         self._braking = self._braking and self._smoother.moving
         ahead = max(self._smoother.points_ahead - 1, 0)
-        self.begun = max(self.begun, self._taken - ahead)
-        self._keep_to_power()
+        self.started_points = max(self.started_points, self._accepted_points - ahead)
+        self._apply_power()
         if self._request is None and self._planner.ready:
             request = self._smoother.request()
             if request is not None:
                 self._request = request
-                self._asked_at = self._now
-                self._planner.ask(request, self._smoother.limits, self._answered)
+                self._request_time = self._now
+                self._planner.ask(request, self._smoother.limits, self._receive_plan)
 
     def _on_limit_violation(self) -> None:
         """Discard the points and report the failure after the smoother has started to brake."""
         self._timing.violations += 1
-        self._forget_request()
+        self._discard_request()
         self._braking = self._smoother.moving
         self._goal = None
         self._failed(f'the arm brakes: {self._smoother.violation}')
 
-    def _keep_to_power(self) -> None:
+    def _apply_power(self) -> None:
         """Apply the limits of low or high power if the arm is at rest."""
         limits = self._power_limits[self.low_power]
         if limits is not self._smoother.limits and self._smoother.at_rest:
             self._smoother.change_limits(limits)
-            self._forget_request()
+            self._discard_request()
 
-    def _forget_request(self) -> None:
-        self._forgotten = self._request is not None
+    def _discard_request(self) -> None:
+        self._request_discarded = self._request is not None
 
     def _duration(self, point: Point) -> float | None:
         if self._uses.duration and point.duration > 0.0:
@@ -313,16 +313,17 @@ class Streaming:
         distance = float(np.max(np.abs(point.target - origin) / self.limits.velocity))
         return distance / fraction or None
 
-    def _answered(self, plan: Plan | None) -> None:
+    def _receive_plan(self, plan: Plan | None) -> None:
         request, self._request = self._request, None
-        forgotten, self._forgotten = self._forgotten, False
-        used = not forgotten and self._smoother.take(plan)
-        late = plan is not None and not used and not forgotten
+        discarded, self._request_discarded = self._request_discarded, False
+        used = not discarded and self._smoother.take(plan)
+        late = plan is not None and not used and not discarded
         self._timing.late_plans += late
-        self._latency.took(self._now - self._asked_at, late)
+        self._latency.took(self._now - self._request_time, late)
         self._smoother.latency = self._latency.value
         at_rest = request is not None and request.start is None
-        self._in_vain = self._in_vain + 1 if plan is None and at_rest and not forgotten else 0
-        if self._in_vain >= MAX_ATTEMPTS:
-            self._in_vain = 0
+        failed = plan is None and at_rest and not discarded
+        self._failed_attempts = self._failed_attempts + 1 if failed else 0
+        if self._failed_attempts >= MAX_ATTEMPTS:
+            self._failed_attempts = 0
             self._failed(f'no path found in {MAX_ATTEMPTS} attempts')

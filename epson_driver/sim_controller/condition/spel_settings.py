@@ -46,7 +46,7 @@ class SpelSettings:
         """Set the numbers of a setting, which must be in its range."""
         self._set[name] = numbers
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset all settings to their initial values. The home position remains."""
         self._set.clear()
 

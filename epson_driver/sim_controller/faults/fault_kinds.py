@@ -272,23 +272,23 @@ def parse(text: str) -> Fault:
     if name not in FAULTS:
         raise FaultError(f'{_quote(name)} is not a fault: must be one of {", ".join(FAULTS)}')
     kind = FAULTS[name]
-    given: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for position, part in enumerate(parts):
         key, separator, value = part.partition('=')
         if not separator and position == 0:
             key, value = kind.parameters[0].name, part
         elif not separator or not value:
             raise FaultError(f'{name}: {_quote(part)} must be key=value')
-        if key in given:
+        if key in texts:
             raise FaultError(f'{name}: {key} is repeated')
         if key not in _keys(kind):
             raise FaultError(
                 f'{name}: {_quote(key)} is unknown: must be one of {", ".join(_keys(kind))}'
             )
-        given[key] = value
-    ports = _ports(name, kind, given.pop('port')) if 'port' in given else kind.default_ports
+        texts[key] = value
+    ports = _ports(name, kind, texts.pop('port')) if 'port' in texts else kind.default_ports
     values = {
-        parameter.name: _value(name, parameter, given.get(parameter.name))
+        parameter.name: _value(name, parameter, texts.get(parameter.name))
         for parameter in kind.parameters
     }
     return on_ports(Fault(name, values), ports)

@@ -73,23 +73,23 @@ class Transport(Protocol):
 
 
 class ActiveFault:
-    """A fault from the request to its end. `begun`: the fault has taken effect."""
+    """A fault from the request to its end. `in_effect`: the fault has taken effect."""
 
     def __init__(self, fault: Fault, number: int, seed: str) -> None:
         self.fault = fault
         self.number = number
-        self.begun = False
+        self.in_effect = False
         self.until: Timer | None = None
-        """Timer of its start, or of its end once it has begun."""
+        """Timer of its start, or of its end once it has started."""
         self._seed = seed
-        self._to_pass = int(fault.number('skip'))
-        self._left = int(fault.number('count')) or None
+        self._to_skip = int(fault.number('skip'))
+        self._messages_left = int(fault.number('count')) or None
         self._points = int(fault.number('point'))
 
     @property
     def used_up(self) -> bool:
         """Whether the fault has affected the requested number of messages."""
-        return self._left == 0
+        return self._messages_left == 0
 
     def affects(self, message: bytes) -> bool:
         """Return whether the fault affects this message, and count the message."""
@@ -97,11 +97,11 @@ class ActiveFault:
             return False
         if self.used_up:
             return False
-        if self._to_pass:
-            self._to_pass -= 1
+        if self._to_skip:
+            self._to_skip -= 1
             return False
-        if self._left is not None:
-            self._left -= 1
+        if self._messages_left is not None:
+            self._messages_left -= 1
         return True
 
     def point_reached(self) -> bool:
@@ -119,9 +119,9 @@ class ActiveFault:
         remark = ''
         if self.until is not None:
             seconds = max(self.until.due - now, 0.0)
-            remark = f'{seconds:.1f} s left' if self.begun else f'starts in {seconds:.1f} s'
-        elif self._left is not None:
-            remark = f'{self._left} messages left'
+            remark = f'{seconds:.1f} s left' if self.in_effect else f'starts in {seconds:.1f} s'
+        elif self._messages_left is not None:
+            remark = f'{self._messages_left} messages left'
         elif self._points > 0:
             remark = f'{self._points} points left'
         return f'{write(self.fault)} ({remark})' if remark else write(self.fault)
@@ -144,7 +144,7 @@ class Faults:
         self._remote_only = remote_only
         self._active: list[ActiveFault] = []
         self._frozen: set[int] = set()
-        self._started = 0
+        self._requests = 0
         self._transports: dict[Transport, None] = {}
         self._serials: Counter[str] = Counter()
 
@@ -166,18 +166,18 @@ class Faults:
             raise FaultError(
                 f'{fault.name}: {MAX_ACTIVE_FAULTS} faults are active: clear some first'
             )
-        self._started += 1
-        own = fault.values.get('seed')
-        seed = f'{self._seed} {self._started}' if own is None else f'own {own:.0f}'
-        active = ActiveFault(fault, self._started, seed)
+        self._requests += 1
+        fault_seed = fault.values.get('seed')
+        seed = f'{self._seed} {self._requests}' if fault_seed is None else f'own {fault_seed:.0f}'
+        active = ActiveFault(fault, self._requests, seed)
         self._active.append(active)
         delay = fault.number('after')
         if REMOTE_PORT in fault.ports or fault.kind.boots:
             delay = max(delay, ANSWER_TIME_S)
         if delay > 0.0:
-            active.until = self._clock.after(delay, lambda: self._begin(active))
+            active.until = self._clock.after(delay, lambda: self._take_effect(active))
         else:
-            self._begin(active)
+            self._take_effect(active)
 
     def clear(self, name: str | None = None) -> int:
         """End all faults, or those of one name, and send delayed messages. Return their number.
@@ -187,10 +187,12 @@ class Faults:
         """
         if name is not None and name not in FAULTS:
             raise FaultError(f'{name!r} is not a fault: must be one of {", ".join(FAULTS)}')
-        meant = [item for item in self._active if name in (None, item.fault.name)]
-        ended = [item for item in meant if not (item.begun and item.fault.kind.boots)]
+        matches = [item for item in self._active if name in (None, item.fault.name)]
+        ended = [item for item in matches if not (item.in_effect and item.fault.kind.boots)]
         if name is not None and not ended:
-            reason = 'it cannot be cleared: it ends automatically' if meant else 'it is not active'
+            reason = (
+                'it cannot be cleared: it ends automatically' if matches else 'it is not active'
+            )
             raise FaultError(f'{name}: {reason}')
         for active in ended:
             self._remove(active)
@@ -203,20 +205,24 @@ class Faults:
 
     # Notifications and queries of the controller.
 
-    def point_begun(self) -> None:
+    def point_started(self) -> None:
         """Record that the arm has started to move to one more point of a trajectory.
 
         A fault that this triggers takes effect when the clock next advances, not within this call.
         """
         for active in list(self._active):
-            if active.begun and active.fault.name == 'estop_at_point' and active.point_reached():
+            if (
+                active.in_effect
+                and active.fault.name == 'estop_at_point'
+                and active.point_reached()
+            ):
                 _log.warning('fault: %s', active.text(self._clock.now))
                 self._remove(active)
                 self._clock.after(0.0, self._actions.press_estop)
 
     def rejects(self, port: str) -> bool:
         """Return whether new connections to a port must be closed immediately."""
-        return any(active.fault.name == 'cut' for active in self._begun(port))
+        return any(active.fault.name == 'cut' for active in self._in_effect(port))
 
     # Requests of transports.
 
@@ -237,23 +243,23 @@ class Faults:
 
     def disturbing(self, port: str) -> list[ActiveFault]:
         """Return the faults that affect messages of a port now, in the order of their requests."""
-        return [item for item in self._begun(port) if item.fault.name in DISTURBANCES]
+        return [item for item in self._in_effect(port) if item.fault.name in DISTURBANCES]
 
     def on_triggered(self, active: ActiveFault) -> None:
         """End a fault that has affected a message if this was the last message of its count."""
         if active.used_up:
             self._end(active)
 
-    def _begun(self, port: str) -> Iterator[ActiveFault]:
-        return (item for item in self._active if item.begun and port in item.fault.ports)
+    def _in_effect(self, port: str) -> Iterator[ActiveFault]:
+        return (item for item in self._active if item.in_effect and port in item.fault.ports)
 
-    def _begin(self, active: ActiveFault) -> None:
+    def _take_effect(self, active: ActiveFault) -> None:
         fault = active.fault
-        active.begun = True
+        active.in_effect = True
         active.until = None
-        lasts = fault.number('for')
-        if lasts:
-            active.until = self._clock.after(lasts, lambda: self._end(active))
+        duration = fault.number('for')
+        if duration:
+            active.until = self._clock.after(duration, lambda: self._end(active))
         _log.warning('fault: %s', active.text(self._clock.now))
         self._changed()
         if fault.name == 'cut':
@@ -266,7 +272,7 @@ class Faults:
             joint = int(fault.number('joint')) - 1
             self._actions.servo_error(joint, bool(fault.number('critical')))
         elif fault.name == 'reboot':
-            self._actions.reboot(lasts)
+            self._actions.reboot(duration)
 
     def _end(self, active: ActiveFault) -> None:
         self._remove(active)
@@ -287,7 +293,7 @@ class Faults:
     def _freeze(self) -> None:
         frozen: set[int] = set()
         for active in self._active:
-            if active.begun and active.fault.name == 'frozen_encoder':
+            if active.in_effect and active.fault.name == 'frozen_encoder':
                 joint = int(active.fault.number('joint'))
                 frozen |= {joint - 1} if joint else set(range(self._joints))
         if self._frozen - frozen:

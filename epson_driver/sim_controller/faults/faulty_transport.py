@@ -13,14 +13,14 @@ from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, Outgoi
 from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
 from epson_driver.sim_controller.ports import Send
 
-MAX_HELD_BYTES = 262_144
+MAX_DELAYED_BYTES = 262_144
 """Maximum number of bytes delayed by faults on one connection. More bytes close the connection."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class _Held:
+class _Delayed:
     """Bytes to send at the time `due`, s. `gathered`: they are sent together with others."""
 
     due: float
@@ -50,13 +50,13 @@ class FaultyTransport:
         self._transmit = transmit
         self._hang_up = hang_up
         self._disturbing: list[tuple[ActiveFault, random.Random]] = []
-        self._held: deque[_Held] = deque()
+        self._delayed: deque[_Delayed] = deque()
         self._timer: Timer | None = None
-        self._window_end = 0.0  # when gathered messages are sent
+        self._gather_end = 0.0  # when gathered messages are sent
         self._silent = False
-        self._hole = False
+        self._lost_bytes = False
         self._closed = False
-        self.held = 0
+        self.delayed_bytes = 0
         """Number of bytes waiting to be transmitted."""
         self._plain = True
         self._serial = faults.attach(self)
@@ -72,7 +72,7 @@ class FaultyTransport:
     def receive(self, data: bytes) -> bytes:
         """Return the bytes from the client that the session receives: all of them, or none."""
         if self._silent:
-            self._hole = self._hole or bool(data)
+            self._lost_bytes = self._lost_bytes or bool(data)
             return b''
         return b'' if self._closed else data
 
@@ -80,7 +80,7 @@ class FaultyTransport:
         """Drop delayed messages after the end of the connection. Repeated calls are allowed."""
         self._closed = True
         self._plain = False
-        self._forget_held()
+        self._drop_delayed()
         self._faults.detach(self)
 
     def cut(self) -> None:
@@ -103,13 +103,13 @@ class FaultyTransport:
         ]
         self._silent = any(item.fault.name == 'half_open' for item, _ in self._disturbing)
         if self._silent:
-            self._forget_held()
-        elif self._hole:
+            self._drop_delayed()
+        elif self._lost_bytes:
             _log.info('%s client: bytes were lost while half open: disconnected', self.port)
             self.cut()
             return
-        if release and self._held and not self._disturbing:
-            self._release(self._held[-1].due)
+        if release and self._delayed and not self._disturbing:
+            self._release(self._delayed[-1].due)
         self._update_plain()
 
     def _send_disturbed(self, message: bytes) -> None:
@@ -121,56 +121,56 @@ class FaultyTransport:
                 DISTURBANCES[active.fault.name](outgoing, active.fault, chance)
                 self._faults.on_triggered(active)
         if outgoing.data and not self._closed:
-            self._hold(outgoing)
+            self._schedule(outgoing)
 
-    def _hold(self, outgoing: OutgoingMessage) -> None:
+    def _schedule(self, outgoing: OutgoingMessage) -> None:
         now = self._clock.now
         due = now + outgoing.delay
         if outgoing.gather:
-            if due >= self._window_end:
-                self._window_end = due + outgoing.gather
-            due = self._window_end
-        if self._held:
-            due = max(due, self._held[-1].due)
-        held = _Held(due, outgoing.data, outgoing.gather > 0.0, outgoing.one_byte)
-        if due <= now and not self._held:
-            self._emit(held.data, held.one_byte)
+            if due >= self._gather_end:
+                self._gather_end = due + outgoing.gather
+            due = self._gather_end
+        if self._delayed:
+            due = max(due, self._delayed[-1].due)
+        message = _Delayed(due, outgoing.data, outgoing.gather > 0.0, outgoing.one_byte)
+        if due <= now and not self._delayed:
+            self._emit(message.data, message.one_byte)
             return
-        if self.held + len(held.data) > MAX_HELD_BYTES:
+        if self.delayed_bytes + len(message.data) > MAX_DELAYED_BYTES:
             _log.warning('%s client: too much data delayed by faults: disconnected', self.port)
             self.cut()
             return
-        self._held.append(held)
-        self.held += len(held.data)
+        self._delayed.append(message)
+        self.delayed_bytes += len(message.data)
         self._plain = False
         if self._timer is None:
             self._set_timer()
 
     def _set_timer(self) -> None:
-        delay = max(self._held[0].due - self._clock.now, 0.0)
+        delay = max(self._delayed[0].due - self._clock.now, 0.0)
         self._timer = self._clock.after(delay, self._due)
 
     def _due(self) -> None:
         self._timer = None
         self._release(self._clock.now)
-        if self._held:
+        if self._delayed:
             self._set_timer()
         self._update_plain()
 
     def _release(self, until: float) -> None:
         """Transmit the messages due by `until`, s, and gathered ones in one piece."""
-        while self._held and self._held[0].due <= until:
-            first = self._held.popleft()
+        while self._delayed and self._delayed[0].due <= until:
+            first = self._delayed.popleft()
             data = [first.data]
-            while first.gathered and self._held and self._belongs(self._held[0], first):
-                data.append(self._held.popleft().data)
+            while first.gathered and self._delayed and self._same_batch(self._delayed[0], first):
+                data.append(self._delayed.popleft().data)
             whole = b''.join(data)
-            self.held -= len(whole)
+            self.delayed_bytes -= len(whole)
             self._emit(whole, first.one_byte)
 
     @staticmethod
-    def _belongs(held: _Held, first: _Held) -> bool:
-        return held.gathered and (held.due, held.one_byte) == (first.due, first.one_byte)
+    def _same_batch(message: _Delayed, first: _Delayed) -> bool:
+        return message.gathered and (message.due, message.one_byte) == (first.due, first.one_byte)
 
     def _emit(self, data: bytes, one_byte: bool) -> None:
         (self._transmit_bytes if one_byte else self._transmit)(data)
@@ -179,12 +179,12 @@ class FaultyTransport:
         for index in range(len(data)):
             self._transmit(data[index : index + 1])
 
-    def _forget_held(self) -> None:
-        self._held.clear()
-        self.held = 0
+    def _drop_delayed(self) -> None:
+        self._delayed.clear()
+        self.delayed_bytes = 0
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def _update_plain(self) -> None:
-        self._plain = not (self._closed or self._disturbing or self._held)
+        self._plain = not (self._closed or self._disturbing or self._delayed)

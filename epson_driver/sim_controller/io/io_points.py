@@ -166,7 +166,7 @@ class IoPoints:
         kind, _ = self._checked(io_type, start)
         last = start + count - 1
         if not any(
-            first <= start <= last < first + held for first, held in self._spans(IoType(io_type))
+            first <= start <= last < first + size for first, size in self._spans(IoType(io_type))
         ):
             text = f'{kind.short} {start}, {count} points: {self._there_are(IoType(io_type))}'
             raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)

@@ -112,7 +112,7 @@ class IoStream:
         self._sent = ()
         self._changed()
         if self._timer is None:
-            self._wait()
+            self._start_timer()
 
     def unsubscribe(self, address: IoAddress) -> None:
         """Remove the range with this start. Raises IoError if no range starts there."""
@@ -137,14 +137,14 @@ class IoStream:
                 timer.cancel()
         self._timer = self._change = None
 
-    def _wait(self) -> None:
+    def _start_timer(self) -> None:
         period = self._points.profile.publish_period
         self._timer = self._clock.every(
-            period, self._due, first=period, catch_up=MAX_CATCH_UP_PUBLICATIONS
+            period,
+            lambda: self._send(self._values()),
+            first=period,
+            catch_up=MAX_CATCH_UP_PUBLICATIONS,
         )
-
-    def _due(self) -> None:
-        self._send(self._values())
 
     def _changed(self) -> None:
         if not self._ranges or self._change is not None:
@@ -230,8 +230,8 @@ class IoSession:
             packet = decode(frame)
         except (HeaderError, BodyError):
             return answer_frame(frame, {})  # logs the error and answers FAILURE
-        own = self._answers.get(type(packet.message))
-        if own is None or packet.comm_type is not CommType.SERVICE_REQUEST:
+        handler = self._answers.get(type(packet.message))
+        if handler is None or packet.comm_type is not CommType.SERVICE_REQUEST:
             return answer(packet, {})
         reason = self._available()
         if reason != self._reported:
@@ -240,7 +240,7 @@ class IoSession:
         if reason is not None:
             return failure(packet.msg_type)
         self._rejected.clear()
-        body = own(packet.message)
+        body = handler(packet.message)
         if self._rejected:
             _log.warning(
                 'items refused: %d, the first: %s', len(self._rejected), self._rejected[0]
@@ -269,7 +269,7 @@ class IoSession:
             self._outcome(item.io_type, item.index, write, item.io_type, item.index, item.value)
             for item in message.items
         )
-        self._take_outputs(items)
+        self._record_writer(items)
         return IoWriteReply(message.message_id, timestamp(self._clock), items)
 
     def _reset(self, message: IoReset) -> IoResetReply:
@@ -278,7 +278,7 @@ class IoSession:
             for item in dict.fromkeys(message.items)
         }
         items = tuple(done[item] for item in message.items)
-        self._take_outputs(items)
+        self._record_writer(items)
         return IoResetReply(message.message_id, items)
 
     def _reset_points(self, item: IoAddress) -> None:
@@ -286,12 +286,12 @@ class IoSession:
             self._points.reset_point(item.io_type, item.index)
             return
         types = _RESETTABLE if item.io_type == ALL else (item.io_type,)
-        ranges = [held for held in self._points.ranges() if held.io_type in types]
+        ranges = [io_range for io_range in self._points.ranges() if io_range.io_type in types]
         if not ranges:
             self._points.reset_point(item.io_type, 0)  # raises the error for a type without points
-        for held in ranges:
-            for index in range(held.start, held.start + held.count):
-                self._points.reset_point(held.io_type, index)
+        for io_range in ranges:
+            for index in range(io_range.start, io_range.start + io_range.count):
+                self._points.reset_point(io_range.io_type, index)
 
     def _subscribe(self, message: IoSubscribe) -> IoSubscribeReply:
         items = tuple(
@@ -317,7 +317,7 @@ class IoSession:
             return IoOutcome(io_type, index, error.result)
         return IoOutcome(io_type, index, IoResult.SUCCESS)
 
-    def _take_outputs(self, items: tuple[IoOutcome, ...]) -> None:
+    def _record_writer(self, items: tuple[IoOutcome, ...]) -> None:
         done = (item.io_type for item in items if item.result == IoResult.SUCCESS)
         if any(io_type in _OUTPUTS or io_type == ALL for io_type in done):
             self._points.client_wrote(self)

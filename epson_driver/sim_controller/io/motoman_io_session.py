@@ -86,10 +86,10 @@ class MotomanIoSession:
             message = decode(frame).message
         except (HeaderError, BodyError) as error:
             return _invalid(frame, Invalid.MSGSIZE, str(error))
-        own = self._answers.get(type(message))
-        if own is None:
+        handler = self._answers.get(type(message))
+        if handler is None:
             return _invalid(frame, Invalid.MSGTYPE, 'it is not an I/O message')
-        return own(message)
+        return handler(message)
 
     def _read_bit(self, message: ReadIoBit) -> ReadIoBitReply:
         try:

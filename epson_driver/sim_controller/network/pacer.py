@@ -57,7 +57,7 @@ class Pacer:
             self._sleep(math.inf)
             self._failed, self._sleeps_until = None, -math.inf
 
-    def see_end(self, task: 'asyncio.Task[None]') -> None:
+    def on_task_done(self, task: 'asyncio.Task[None]') -> None:
         """Raise the exception of a client's ended task in `run`, because it is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self._fail(error)
@@ -103,8 +103,8 @@ class Pacer:
             self._timer = None
         self._sleeps_until = until
         if until < math.inf:
-            loop, left = asyncio.get_running_loop(), max(until - self._clock(), 0.0)
-            self._timer = loop.call_later(left, self._step, context=self._context)
+            loop, delay = asyncio.get_running_loop(), max(until - self._clock(), 0.0)
+            self._timer = loop.call_later(delay, self._step, context=self._context)
 
     def _catch_up(self) -> None:
         now = self._clock()

@@ -68,17 +68,17 @@ class CpuBudget:
 
     def __init__(self, now: float) -> None:
         self._saved = INITIAL_S
-        self._at = now
+        self._time = now
 
-    def used(self, seconds: float, share: float, now: float) -> float:
+    def used(self, seconds: float, cpu_fraction: float, now: float) -> float:
         """Record `seconds` of processor time, and return how long the client must wait, s.
 
-        `share` is the permitted fraction (0, 1] of the elapsed time. `now` is the time of a
+        `cpu_fraction` is the permitted fraction (0, 1] of the elapsed time. `now` is the time of a
         monotonic clock, s.
         """
-        self._saved = min(self._saved + (now - self._at) * share, MAX_SAVED_S) - seconds
-        self._at = now
-        return max(-self._saved / share, 0.0)
+        self._saved = min(self._saved + (now - self._time) * cpu_fraction, MAX_SAVED_S) - seconds
+        self._time = now
+        return max(-self._saved / cpu_fraction, 0.0)
 
 
 class SpareDescriptor:
@@ -87,7 +87,7 @@ class SpareDescriptor:
     def __init__(self) -> None:
         self._descriptor: int | None = None
 
-    def keep(self) -> None:
+    def reserve(self) -> None:
         """Reserve a descriptor, unless one is reserved or none is available."""
         if self._descriptor is None:
             try:
@@ -95,7 +95,7 @@ class SpareDescriptor:
             except OSError:  # tried again when a client disconnects, which frees a descriptor
                 return
 
-    def give(self) -> bool:
+    def release(self) -> bool:
         """Release the reserved descriptor for use. Return whether one was reserved."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
@@ -108,14 +108,12 @@ class PortRules(NamedTuple):
 
     max_clients: maximum number of clients. Further ones wait HANDOVER_S and are then refused. At
     most MAX_WAITING_CLIENTS wait. None: every client is accepted, if necessary in place of another
-    one, even without a free file descriptor.
-    max_unsent: maximum number of unsent bytes, beyond which a client is disconnected. send_buffer:
-    size of the system's additional buffer, bytes (None: its default).
-    half_closed: a client that has shut down its own side is still sent data for HALF_CLOSED_S.
-    chunk: maximum number of bytes per read.
-    share: fraction of the processor time that all clients together may use in the long run (None:
-    unlimited).
-    replace: a new client replaces the oldest one on a full port.
+    one, even without a free file descriptor. max_unsent: maximum number of unsent bytes, beyond
+    which a client is disconnected. send_buffer: size of the system's additional buffer, bytes
+    (None: its default). half_closed: a client that has shut down its own side is still sent data
+    for HALF_CLOSED_S. chunk: maximum number of bytes per read. cpu_fraction: fraction of the
+    processor time that all clients together may use in the long run (None: unlimited). replace: a
+    new client replaces the oldest one on a full port.
     """
 
     name: str
@@ -124,7 +122,7 @@ class PortRules(NamedTuple):
     send_buffer: int | None = None
     half_closed: bool = False
     chunk: int = 1024
-    share: float | None = 0.2
+    cpu_fraction: float | None = 0.2
     replace: bool = False
 
 
@@ -132,7 +130,7 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     """Return the rules of all ports, in the order of `servers.Ports`."""
     replace = server.full == 'replace'
     return (
-        PortRules('motion', 1, chunk=4096, share=None, replace=replace),  # unlimited, for its STOP
+        PortRules('motion', 1, chunk=4096, cpu_fraction=None, replace=replace),  # for its STOP
         # The buffers store the messages of a scheduling delay of this process, plus several
         # seconds for a client that does not read. A real controller would wait for it.
         PortRules(
@@ -146,8 +144,8 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
 class PortServer:
     """Accepts clients of one port and serves each in a separate task.
 
-    A refused client does not affect the others. All ports share the lock `turn`, so only one
-    client is read per turn of the event loop. This bounds the input between two steps of the
+    A refused client does not affect the others. All ports share the lock `turn`, so only
+    one client is read per turn of the event loop. This bounds the input between two steps of the
     controller, however many clients send continuously.
     """
 
@@ -187,7 +185,7 @@ class PortServer:
         sock.setblocking(False)
         self._sock = sock
         if self._rules.max_clients is None:
-            self._spare.keep()
+            self._spare.reserve()
         self._listen()
         bound: int = sock.getsockname()[1]
         return bound
@@ -200,7 +198,7 @@ class PortServer:
             asyncio.get_running_loop().remove_reader(self._sock)
             self._sock.close()
             self._sock = None
-        self._spare.give()
+        self._spare.release()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -221,12 +219,12 @@ class PortServer:
             try:
                 sock, address = listening.accept()
             except OSError as error:
-                if error.errno not in _EXHAUSTED or not self._spare.give():
+                if error.errno not in _EXHAUSTED or not self._spare.release():
                     raise
                 sock, address = listening.accept()
         except OSError as error:
             if error.errno not in _GONE:
-                self._cannot(listening, error.strerror or str(error))
+                self._report_failure(listening, error.strerror or str(error))
             return
         self._admitted.append(asyncio.get_running_loop().time())
         if limit is not None and len(self._tasks) >= limit + MAX_WAITING_CLIENTS:
@@ -243,11 +241,11 @@ class PortServer:
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
-        self._pacer.see_end(task)
+        self._pacer.on_task_done(task)
         if self._rules.max_clients is None and self._sock is not None:
-            self._spare.keep()
+            self._spare.reserve()
 
-    def _cannot(self, listening: socket.socket, why: str) -> None:
+    def _report_failure(self, listening: socket.socket, why: str) -> None:
         """Log why no client can be accepted, and pause, because the loop retries immediately."""
         _log.error('%s port: cannot accept connections: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
@@ -269,9 +267,9 @@ class PortServer:
         except (OSError, TypeError):  # the client has already disconnected
             writer.transport.abort()
             return
-        await self._attend(connection)
+        await self._admit_to_port(connection)
 
-    async def _attend(self, connection: TcpConnection) -> None:
+    async def _admit_to_port(self, connection: TcpConnection) -> None:
         try:
             if self._places is not None:
                 if self._places.locked() and self._rules.replace:
@@ -305,10 +303,10 @@ class PortServer:
                 async with self._turn:
                     await asyncio.sleep(0)  # one turn of the loop
                     with self._pacer.present():
-                        began = time.thread_time()
+                        start = time.thread_time()
                         session.receive(data)
-                        used = time.thread_time() - began
-                await self._pay(budget, used)
+                        used = time.thread_time() - start
+                await self._throttle(budget, used)
             if self._rules.half_closed:
                 with suppress(TimeoutError):
                     async with asyncio.timeout(HALF_CLOSED_S):
@@ -317,10 +315,10 @@ class PortServer:
             with self._pacer.present():
                 session.closed()
 
-    async def _pay(self, budget: CpuBudget, used: float) -> None:
+    async def _throttle(self, budget: CpuBudget, used: float) -> None:
         """Wait if the client has used more than its processor time."""
-        if self._rules.share is not None:
-            own = self._rules.share / len(self._tasks)
-            wait = budget.used(used, own, asyncio.get_running_loop().time())
+        if self._rules.cpu_fraction is not None:
+            fraction = self._rules.cpu_fraction / len(self._tasks)
+            wait = budget.used(used, fraction, asyncio.get_running_loop().time())
             if wait:
                 await asyncio.sleep(wait)

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
     """Connect a client port of a SPEL+ program, and pass on data until either side closes."""
     writer = None
-    while writer is None and session.wanted:
+    while writer is None and session.is_open:
         try:
             reader, writer = await asyncio.open_connection(HOST, port)
         except OSError:
@@ -37,10 +37,10 @@ async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
     link = TcpConnection(session.name, reader, writer, MAX_UNSENT)
     try:
         with pacer.present():
-            if session.wanted:
-                session.begin(link.send, link.close)
+            if session.is_open:
+                session.start(link.send, link.close)
         _log.info('port %s of the program is connected to %s:%d', session.name, HOST, port)
-        while session.wanted and (data := await link.receive()):
+        while session.is_open and (data := await link.receive()):
             with pacer.present():
                 session.receive(data)
     finally:
@@ -117,11 +117,11 @@ class ControllerServers:
         Raises OSError if no port can be opened.
         """
         server = PortServer(PortRules(str(tcp_port), 1), self.pacer, self._turn)
-        asked = self._program_ports.get(tcp_port)
+        configured = self._program_ports.get(tcp_port)
         try:
-            bound = server.open(self._host, tcp_port if asked is None else asked)
+            bound = server.open(self._host, tcp_port if configured is None else configured)
         except OSError:
-            if asked is not None:
+            if configured is not None:
                 raise
             bound = server.open(self._host, 0)
         self._servers.append(server)
@@ -133,7 +133,7 @@ class ControllerServers:
         task = asyncio.get_running_loop().create_task(connect(session, port, self.pacer))
         self._clients.add(task)
         task.add_done_callback(self._clients.discard)
-        task.add_done_callback(self.pacer.see_end)
+        task.add_done_callback(self.pacer.on_task_done)
 
     def clients(self, port: str) -> int:
         """Return the number of clients of a port, including waiting ones."""

@@ -55,17 +55,17 @@ class Download:
             return comm_type is not CommType.SERVICE_REPLY
         if sequence == 0 and self.rejected and comm_type is CommType.SERVICE_REQUEST:
             return False  # a stream starts
-        under_way = self._phase is not _Phase.NONE and comm_type is self._comm_type
-        return under_way and (sequence >= 0 or sequence == LAST)
+        is_active = self._phase is not _Phase.NONE and comm_type is self._comm_type
+        return is_active and (sequence >= 0 or sequence == LAST)
 
     @property
     def rejected(self) -> bool:
         """Whether the current download was refused, and its remaining points are dropped."""
         return self._phase is _Phase.REJECTED
 
-    def begin(self, comm_type: CommType) -> None:
+    def start(self, comm_type: CommType) -> None:
         """Start a new download and discard an unfinished one."""
-        self.forget()
+        self.clear()
         self._phase = _Phase.COLLECTING
         self._dropped = 0
         self._comm_type = comm_type
@@ -96,7 +96,7 @@ class Download:
         points, self._points = self._points, []
         return points
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Discard the download and its points."""
         if self._points:
             _log.warning('an incomplete download is dropped')

@@ -110,7 +110,8 @@ class MotionProgram:
         self._download = Download(profile.download)
         self._accepted: int | None = None
         self._topics = False  # whether the client downloads by topics, which are not answered
-        self._silent: Rejection | None = None  # refuses each point after the client has stalled
+        # Refuses each point after the client has stalled.
+        self._silence_rejection: Rejection | None = None
         self._queue = PointQueue(controller, self._answer_success, self._fail)
 
     @property
@@ -135,14 +136,14 @@ class MotionProgram:
 
     def receive(self, frame: Frame) -> None:
         """Execute, queue or refuse one frame."""
-        taken = as_point_frame(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
-        if taken is None or taken.comm_type == CommType.SERVICE_REPLY:
+        point_frame = as_point_frame(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
+        if point_frame is None or point_frame.comm_type == CommType.SERVICE_REPLY:
             _log.warning('not answered: message type %d', frame.msg_type)
             return
         try:
-            packet = decode(taken)
+            packet = decode(point_frame)
         except (HeaderError, BodyError) as error:
-            self._reject_corrupt(taken, error)
+            self._reject_corrupt(point_frame, error)
             return
         if packet.msg_type == MessageType.JOINT_TRAJ_PT:
             self._receive_point(packet)
@@ -172,11 +173,11 @@ class MotionProgram:
     def restart(self) -> None:
         """Abort and discard the trajectory. The next point must have sequence 0."""
         self.abort()
-        self._download.forget()
+        self._download.clear()
         self._accepted = None
-        if self._silent is not None:
-            self._errors.clear(self._silent.number)
-            self._silent = None
+        if self._silence_rejection is not None:
+            self._errors.clear(self._silence_rejection.number)
+            self._silence_rejection = None
 
     def client_silent(self, seconds: float) -> None:
         """Stop because the client has been silent for `seconds`, unless there are no points."""
@@ -185,13 +186,13 @@ class MotionProgram:
         self._send(failure(MessageType.PING))
         self.restart()
         sentence = f'the motion client was silent for {seconds:g} s: the arm was stopped'
-        self._silent = Rejection(ErrorNumber.CLIENT_SILENT, sentence)
-        self._errors.enter(self._silent)
+        self._silence_rejection = Rejection(ErrorNumber.CLIENT_SILENT, sentence)
+        self._errors.enter(self._silence_rejection)
 
     def detach(self) -> None:
         """Discard the unacknowledged points of a client that has disconnected."""
         self._queue.detach()
-        self._download.forget()
+        self._download.clear()
         self._topics = False
         self._accepted = None
 
@@ -220,10 +221,10 @@ class MotionProgram:
             self._reject(sequence, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
         elif self._is_ignored(point.sequence):
             _log.warning('%s is not supported: ignored', _name(point))
-        elif self._silent is not None and point.sequence != STOP:
-            asked = packet.comm_type is CommType.SERVICE_REQUEST
-            self._reject(point.sequence if asked else None, self._silent.about(_name(point)))
-        elif self._concerns_download(point.sequence, packet.comm_type):
+        elif self._silence_rejection is not None and point.sequence != STOP:
+            sequence = point.sequence if packet.comm_type is CommType.SERVICE_REQUEST else None
+            self._reject(sequence, self._silence_rejection.about(_name(point)))
+        elif point.sequence != STOP and self._download.concerns(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
             self._errors.enter(corrupt('no download is active').about(_name(point)))
@@ -237,9 +238,6 @@ class MotionProgram:
         else:
             self._receive_request(point)
 
-    def _concerns_download(self, sequence: int, comm_type: CommType) -> bool:
-        return sequence != STOP and self._download.concerns(sequence, comm_type)
-
     def _is_ignored(self, sequence: int) -> bool:
         return sequence < 0 and self._profile.special_sequences == 'stop' and sequence != STOP
 
@@ -248,7 +246,7 @@ class MotionProgram:
         self._answer(sequence, ReplyCode.SUCCESS)
 
     def _receive_request(self, point: JointTrajPt) -> None:
-        self._download.forget()
+        self._download.clear()
         outside = limits_rejection(point, self._limits)
         late = self._profile.late_failure or not self._profile.check_limits
         rejection = (
@@ -264,10 +262,10 @@ class MotionProgram:
         self._errors.clear()
         self._topics = False
         sequence = max(point.sequence, 0)
-        begins = sequence == 0 or self._accepted is None
+        starts = sequence == 0 or self._accepted is None
         self._accepted = sequence
         reason = None if outside is None else outside.about(_name(point))
-        self._queue.append(Entry(self._point(point, sequence), point.sequence, begins, reason))
+        self._queue.append(Entry(self._point(point, sequence), point.sequence, starts, reason))
         self._queue.advance()
 
     def _sequence_rejection(self, point: JointTrajPt) -> Rejection | None:
@@ -296,7 +294,7 @@ class MotionProgram:
     def _receive_download(self, point: JointTrajPt, comm_type: CommType) -> None:
         reply_to = point.sequence if comm_type is CommType.SERVICE_REQUEST else None
         if point.sequence == FIRST:
-            self._download.begin(comm_type)
+            self._download.start(comm_type)
             self._topics = comm_type is CommType.TOPIC
             self._accepted = None
         refused = self._download.rejected

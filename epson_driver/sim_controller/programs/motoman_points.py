@@ -163,20 +163,20 @@ class TrajectoryMode:
             return NotReady.ERROR
         return NotReady.NOT_STARTED if blocked is None else NotReady.UNSPECIFIED
 
-    def begin(self) -> NotReady | None:
+    def start(self) -> NotReady | None:
         """Turn the mode on. Reset an alarm and switch the servos on if necessary.
 
         Return why motion is still not possible, or None. An E-stop, a pause, MANUAL and stopped
         tasks need an operator.
         """
         condition = self._controller.condition
-        wants_person = (
+        needs_operator = (
             condition.estopped
             or condition.paused
             or condition.mode is Mode.MANUAL
             or condition.tasks in (Tasks.STOPPED, Tasks.RECOVERING)
         )
-        if wants_person or self.missing() is None:
+        if needs_operator or self.missing() is None:
             return self.missing()
         try:
             self._controller.errors.clear()

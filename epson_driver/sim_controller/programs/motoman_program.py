@@ -94,7 +94,7 @@ def too_short(frame: Frame) -> MotionReply:
     order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
     words = frame.body[:12].ljust(12, b'\0')
     group, sequence, command = (
-        int.from_bytes(words[at : at + 4], order, signed=True) for at in (0, 4, 8)
+        int.from_bytes(words[offset : offset + 4], order, signed=True) for offset in (0, 4, 8)
     )
     if frame.msg_type == MessageType.JOINT_TRAJ_PT_FULL:
         command = frame.msg_type
@@ -182,13 +182,13 @@ class MotomanProgram:
             _log.warning('message type %d is not served: disconnected', packet.msg_type)
             self._controller.clients.hang_up('motion')
         else:
-            self._answer(self._obey(packet))
+            self._answer(self._execute(packet))
 
     def step(self, dt: float) -> None:
         """Advance the arm by `dt` s, see `Program.step`."""
-        left: float | None = dt
-        while left is not None:
-            left = self._arm.step(left)
+        time_left: float | None = dt
+        while time_left is not None:
+            time_left = self._arm.step(time_left)
             self._feed()
             if not self._arm.moving:
                 return
@@ -221,7 +221,7 @@ class MotomanProgram:
     def tasks(self) -> None:
         """Return None, because condition/tasks.py lists the tasks."""
 
-    def _obey(self, packet: Packet) -> MotionReply | None:
+    def _execute(self, packet: Packet) -> MotionReply | None:
         message, done = packet.message, success(packet)
         if not isinstance(message, MotionCtrl | JointTrajPtFull):
             sentence = f'message type {packet.msg_type} is unknown to this program'
@@ -245,10 +245,10 @@ class MotomanProgram:
         if reason is not None:
             return invalid(done, reason)
         if point.sequence == 0 or self._last is None:
-            return self._begin(point, done)
+            return self._start_trajectory(point, done)
         if not self._arm.has_room and len(self._waiting) >= self._pending_limit:
             return outcome(done, Result.BUSY)
-        return self._go_on(point, self._last[1], done)
+        return self._append(point, self._last[1], done)
 
     def _invalid_sequence(self, sequence: int) -> InvalidReason | None:
         following = None if self._last is None else self._last[0] + 1
@@ -257,17 +257,17 @@ class MotomanProgram:
         expected = '0' if following is None else f'{following}, or 0 for a new trajectory'
         return InvalidReason(Invalid.SEQUENCE, f'sequence = {sequence}: must be {expected}')
 
-    def _begin(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
+    def _start_trajectory(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
         if self._arm.moving:
             return invalid(done, InvalidReason(Invalid.DATA_START_POS, 'the arm is still moving'))
         reason = invalid_start(point, self._arm.position, self._arm.limits)
         if reason is not None:
             return invalid(done, reason)
         self._last = (0, point.time)
-        self._controller.trajectory_begins()
+        self._controller.trajectory_starts()
         return done
 
-    def _go_on(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
+    def _append(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
         limits = self._arm.limits
         reason = invalid_next(point, before, limits)
         if reason is not None:
@@ -317,7 +317,7 @@ class MotomanProgram:
         return self._apply(Event.RESET, done)
 
     def _start_trajectory_mode(self, done: MotionReply) -> MotionReply:
-        missing = self._mode.begin()
+        missing = self._mode.start()
         return done if missing is None else outcome(done, Result.NOT_READY, missing)
 
     def _stop_trajectory_mode(self, done: MotionReply) -> MotionReply:

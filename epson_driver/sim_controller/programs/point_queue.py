@@ -112,14 +112,14 @@ class Entry:
     """An entry of the queue: a point for the arm, or only a reply to send.
 
     The arm moves to `point` (None: the entry is only a reply). `reply_to` is the sequence of the
-    request to answer (None: the point was not a request). `begins`: a trajectory starts with the
-    point. `rejection`: why the point must not be executed. The motion then ends before it.
-    `ready_at`: earliest time of the controller at which the entry is processed, s.
+    request to answer (None: the point was not a request). `starts_trajectory`: a trajectory starts
+    with the point. `rejection`: why the point must not be executed. The motion then ends before
+    it. `ready_at`: earliest time of the controller at which the entry is processed, s.
     """
 
     point: Point | None = None
     reply_to: int | None = None
-    begins: bool = False
+    starts_trajectory: bool = False
     rejection: Rejection | None = None
     ready_at: float = 0.0
 
@@ -152,7 +152,7 @@ class PointQueue:
         self._answers_early = controller.profile.program.late_failure
         self._answered = answered
         self._failed = failed
-        self._began = controller.trajectory_begins
+        self._trajectory_starts = controller.trajectory_starts
         self._skip_first = controller.profile.program.skip_first
         self._current: Entry | None = None
         self._waiting: deque[Entry] = deque()
@@ -191,9 +191,9 @@ class PointQueue:
 
     def step(self, dt: float) -> None:
         """Advance the arm by `dt` s, see `Program.step`."""
-        left: float | None = dt
-        while left is not None:
-            left = self._arm.step(left)
+        time_left: float | None = dt
+        while time_left is not None:
+            time_left = self._arm.step(time_left)
             self.advance()
             if not self._arm.moving:
                 return
@@ -211,7 +211,7 @@ class PointQueue:
             elif not self._waiting or not self._has_turn(self._waiting[0]):
                 return
             else:
-                self._begin(self._waiting.popleft())
+                self._start(self._waiting.popleft())
 
     def _has_turn(self, entry: Entry) -> bool:
         room = entry.point is None or self._arm.has_room
@@ -228,7 +228,7 @@ class PointQueue:
             self._timer = self._clock.after(ready_at - self._clock.now, self.advance)
         return False
 
-    def _begin(self, entry: Entry) -> None:
+    def _start(self, entry: Entry) -> None:
         """Make an entry the current one, and supply its point, if any, to the arm."""
         self._current = entry
         if entry.point is None:
@@ -237,8 +237,8 @@ class PointQueue:
             if self._answers_early:
                 self._answered(entry)
             return
-        if entry.begins:
-            self._began()
+        if entry.starts_trajectory:
+            self._trajectory_starts()
         if self._current is not entry:  # flushed by the callback
             return
         if self._is_skipped(entry, entry.point):
@@ -247,7 +247,7 @@ class PointQueue:
             self._arm.take(entry.point)
 
     def _is_skipped(self, entry: Entry, point: Point) -> bool:
-        if not entry.begins or self._skip_first == 0.0 or self._arm.moving:
+        if not entry.starts_trajectory or self._skip_first == 0.0 or self._arm.moving:
             return False
         return bool(np.all(np.abs(point.target - self._arm.position) < self._skip_first))
 

@@ -27,7 +27,7 @@ class Requirement(NamedTuple):
     """A condition for a command. `sentence` returns the reason for a refusal."""
 
     text: str
-    holds: Predicate
+    is_met: Predicate
     sentence: Callable[[Controller], str]
 
 
@@ -55,8 +55,8 @@ def _not_paused(controller: Controller) -> str:
 
 def _in_error(controller: Controller) -> str:
     number = controller.error_number
-    way = 'boot the controller again' if FLAGS['SError'](controller) else 'reset first'
-    return f'error {number:04d} ({controller.error_text(number)}): {way}'
+    remedy = 'boot the controller again' if FLAGS['SError'](controller) else 'reset first'
+    return f'error {number:04d} ({controller.error_text(number)}): {remedy}'
 
 
 def _estopped(controller: Controller) -> str:
@@ -90,7 +90,7 @@ def check(
 ) -> None:
     """Raise RejectedError unless all requirements are met and `event`, if any, is allowed now."""
     for requirement in requirements:
-        if not requirement.holds(controller):
+        if not requirement.is_met(controller):
             raise RejectedError(requirement.sentence(controller))
     if event is not None:
         after(controller.condition, event)
@@ -100,16 +100,16 @@ _MAX_CHARACTERS = 20
 """Maximum length of a number in a command, characters."""
 
 
-def expect(parameters: Sequence[str], least: int, most: int | None = None) -> None:
-    """Raise CommandError (format) unless there are `least` to `most` parameters."""
-    most = least if most is None else most
-    if not least <= len(parameters) <= most:
-        count = str(least) if least == most else f'{least} to {most}'
+def expect(parameters: Sequence[str], minimum: int, maximum: int | None = None) -> None:
+    """Raise CommandError (format) unless there are `minimum` to `maximum` parameters."""
+    maximum = minimum if maximum is None else maximum
+    if not minimum <= len(parameters) <= maximum:
+        count = str(minimum) if minimum == maximum else f'{minimum} to {maximum}'
         text = f'{len(parameters)} parameter(s): must be {count}'
         raise CommandError(RemoteErrorNumber.FORMAT, text)
 
 
-def wrong(name: str, value: object, rule: str) -> CommandError:
+def parameter_error(name: str, value: object, rule: str) -> CommandError:
     """Return the error for an invalid parameter. `rule` states which values are valid."""
     return CommandError(RemoteErrorNumber.PARAMETER, f'{name} {value}: {rule}')
 
@@ -121,7 +121,7 @@ def whole(name: str, text: str, low: int, high: int) -> int:
         value = int(text)
         if low <= value <= high:
             return value
-    raise wrong(name, text, f'must be a whole number from {low} to {high}')
+    raise parameter_error(name, text, f'must be a whole number from {low} to {high}')
 
 
 def hexadecimal(name: str, text: str, high: int) -> int:
@@ -130,7 +130,7 @@ def hexadecimal(name: str, text: str, high: int) -> int:
         value = int(text, 16)
         if value <= high:
             return value
-    raise wrong(name, text, f'must be a hexadecimal number from 0 to {high:X}')
+    raise parameter_error(name, text, f'must be a hexadecimal number from 0 to {high:X}')
 
 
 def real(name: str, text: str, low: float, high: float) -> float:
@@ -140,18 +140,18 @@ def real(name: str, text: str, low: float, high: float) -> float:
     except ValueError:
         value = math.nan
     if not low <= value <= high:
-        raise wrong(name, text, f'must be a number from {low:g} to {high:g}')
+        raise parameter_error(name, text, f'must be a number from {low:g} to {high:g}')
     return value
 
 
 def switch(name: str, text: str) -> bool:
     """Return True for 1, False for 0. Raises CommandError (parameter) for any other text."""
     if text not in ('0', '1'):
-        raise wrong(name, text, 'must be 0 or 1')
+        raise parameter_error(name, text, 'must be 0 or 1')
     return text == '1'
 
 
 def robot(parameters: Sequence[str]) -> None:
     """Raise CommandError unless the robot is 1, 0 for all robots, or omitted."""
     if parameters and parameters[0] not in ('', '0', '1'):
-        raise wrong('robot', parameters[0], 'must be 1, the only robot')
+        raise parameter_error('robot', parameters[0], 'must be 1, the only robot')

@@ -29,10 +29,10 @@ from epson_driver.sim_controller.remote.remote_acceptance import (
     check,
     expect,
     hexadecimal,
+    parameter_error,
     robot,
     switch,
     whole,
-    wrong,
 )
 from epson_driver.sim_controller.remote.sim_commands import simulate
 from epson_driver.simple_message import IoType
@@ -111,7 +111,7 @@ def answer(dialogue: Dialogue, line: str) -> str | None:
     dialogue.spelt = spelt = spelt.strip()
     name = _CANONICAL.get(spelt.lower(), spelt)
     try:
-        return f'#{spelt},{_obey(dialogue, line, name, rest if comma else None)}'
+        return f'#{spelt},{_run_command(dialogue, line, name, rest if comma else None)}'
     except _LaterError:
         return None
     except CommandError as error:
@@ -127,7 +127,7 @@ def _refused(dialogue: Dialogue, spelt: str, error: CommandError) -> str:
     return f'!{spelt},{error.number:d}'
 
 
-def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
+def _run_command(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
     if not line.startswith('$'):
         raise CommandError(RemoteErrorNumber.NO_DOLLAR, 'the command does not start with $')
     command = COMMANDS.get(name)
@@ -135,19 +135,19 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, f'unknown command {name}')
     if not dialogue.logged_in and name not in ('Login', 'Sim'):
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'no client is logged in')
-    needed = command.requirements
-    if dialogue.controller.window.executes:
+    required = command.requirements
+    if dialogue.controller.command_window.executes:
         if not command.beside:
             text = 'a statement is being executed: wait for its end, or Abort'
             raise CommandError(RemoteErrorNumber.EXECUTING, text)
-        needed = tuple(item for item in needed if item is not requirements.READY)
+        required = tuple(item for item in required if item is not requirements.READY)
     parameters = [] if rest is None else [rest] if command.whole else rest.split(',')
     if not command.whole:
         parameters = [part.strip() for part in parameters[: command.most]]
     value = None
     if command.event is not None:
         command.run(dialogue, parameters)
-    check(dialogue.controller, needed, command.event)
+    check(dialogue.controller, required, command.event)
     if command.event is not None:
         dialogue.controller.apply(command.event)
     else:
@@ -178,7 +178,7 @@ def _robot(_dialogue: Dialogue, parameters: list[str]) -> None:
 def _start(_dialogue: Dialogue, parameters: list[str]) -> None:
     expect(parameters, 1)
     if whole('function', parameters[0], 0, 63) != 0:
-        raise wrong('function', parameters[0], 'must be 0, main')
+        raise parameter_error('function', parameters[0], 'must be 0, main')
 
 
 def _set_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> None:
@@ -188,7 +188,7 @@ def _set_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> None:
 
 def _home(dialogue: Dialogue, parameters: list[str]) -> None:
     robot(parameters)
-    _begin(dialogue, 'Home')
+    _start_statement(dialogue, 'Home')
 
 
 def _get_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> str:
@@ -212,9 +212,11 @@ def _set_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[st
         raise CommandError(RemoteErrorNumber.PARAMETER, str(error)) from error
 
 
-def _variable(least: int, most: int, _dialogue: Dialogue, parameters: list[str]) -> None:
-    expect(parameters, least, most)
-    raise wrong('variable', parameters[0], 'the program has no Global Preserve variables')
+def _variable(minimum: int, maximum: int, _dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, minimum, maximum)
+    raise parameter_error(
+        'variable', parameters[0], 'the program has no Global Preserve variables'
+    )
 
 
 def _get_status(dialogue: Dialogue, _: list[str]) -> str:
@@ -223,30 +225,30 @@ def _get_status(dialogue: Dialogue, _: list[str]) -> str:
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
     """Execute the text between the first and the last quote, which may contain quotes."""
-    given = parameters[0] if parameters else ''
-    if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
+    text = parameters[0] if parameters else ''
+    if len(text) < 2 or not text.startswith('"') or not text.rstrip().endswith('"'):
         raise CommandError(RemoteErrorNumber.FORMAT, 'statements must be in double quotes')
-    if len(given) > MAX_CHARACTERS:
+    if len(text) > MAX_CHARACTERS:
         text = f'statements and their output may have {MAX_CHARACTERS} characters'
         raise CommandError(RemoteErrorNumber.FORMAT, text)
-    return _begin(dialogue, given.rstrip()[1:-1])
+    return _start_statement(dialogue, text.rstrip()[1:-1])
 
 
-def _begin(dialogue: Dialogue, text: str) -> str | None:
+def _start_statement(dialogue: Dialogue, text: str) -> str | None:
     """Start a statement and return its output. Raises _LaterError if it takes time."""
     over: list[str | SpelError] = []
-    late, spelt = False, dialogue.spelt
+    answers_later, spelt = False, dialogue.spelt
 
     def ended(value: str | SpelError) -> None:
         over.append(value)
-        if late:
+        if answers_later:
             try:
                 dialogue.send(f'#{spelt},{_printed(dialogue, value) or 0}')
             except CommandError as error:
                 dialogue.send(_refused(dialogue, spelt, error))
 
     try:
-        dialogue.controller.window.execute(text, ended)
+        dialogue.controller.command_window.execute(text, ended)
     except ProgramError as error:
         problem = error.problems[0]
         numbers = {'syntax': RemoteErrorNumber.FORMAT}
@@ -254,7 +256,7 @@ def _begin(dialogue: Dialogue, text: str) -> str | None:
         raise CommandError(number, problem.text) from error
     if over:
         return _printed(dialogue, over[0])
-    late = True
+    answers_later = True
     raise _LaterError
 
 
@@ -271,7 +273,7 @@ def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
 
 
 def _abort(dialogue: Dialogue, _: list[str]) -> None:
-    dialogue.controller.window.abort_command('the command was aborted by Abort')
+    dialogue.controller.command_window.abort_command('the command was aborted by Abort')
 
 
 def _get_motor(dialogue: Dialogue, parameters: list[str]) -> str:
@@ -329,9 +331,9 @@ def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
     if [part.lower() for part in parameters] == ['why']:
         return dialogue.why
     if parameters and parameters[0].lower() == 'print':
-        if dialogue.controller.window.executes:
+        if dialogue.controller.command_window.executes:
             raise CommandError(RemoteErrorNumber.EXECUTING, 'a statement is being executed')
-        printed = _begin(dialogue, f'Print {",".join(parameters[1:])}')
+        printed = _start_statement(dialogue, f'Print {",".join(parameters[1:])}')
         return printed and printed[1:-1]
     return simulate(dialogue.controller, parameters)
 

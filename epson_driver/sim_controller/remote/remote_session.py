@@ -44,8 +44,8 @@ class RemoteSession:
         self._line = bytearray()
         self._after_cr = False
         self._open = True
-        self._obeyed = False
-        self._received = self._clock.now
+        self._has_accepted_command = False
+        self._last_command_time = self._clock.now
         self._timer: Timer | None = None
         self._watch()
 
@@ -55,14 +55,14 @@ class RemoteSession:
         return self._dialogue.logged_in
 
     @property
-    def obeyed(self) -> bool:
+    def has_accepted_command(self) -> bool:
         """Whether a command of the client was accepted, such as a login or `$Sim,…`."""
-        return self._obeyed
+        return self._has_accepted_command
 
     @property
-    def heard(self) -> float:
+    def last_command_time(self) -> float:
         """Time of the last command or, without any, of the connection, s."""
-        return self._received
+        return self._last_command_time
 
     def receive(self, data: bytes) -> None:
         """Answer every complete line."""
@@ -89,7 +89,7 @@ class RemoteSession:
     def _answer(self) -> None:
         text = self._line.decode('ascii', errors='replace')
         self._line.clear()
-        self._received = self._clock.now
+        self._last_command_time = self._clock.now
         if not text:  # some clients end a line with CR CR LF
             return
         try:
@@ -98,7 +98,7 @@ class RemoteSession:
             self._end(str(error))
             return
         if reply is not None:
-            self._obeyed |= reply.startswith('#')
+            self._has_accepted_command |= reply.startswith('#')
             self._reply(reply)
 
     def _reply(self, reply: str) -> None:
@@ -117,20 +117,20 @@ class RemoteSession:
 
         An existing timer remains if it is due early enough, so the number of timers stays small.
         """
-        due = self._received + self._allowed_silence
+        due = self._last_command_time + self._allowed_silence
         if not self._allowed_silence or (self._timer is not None and self._timer.due <= due):
             return
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = self._clock.after(max(due - self._clock.now, 0.0), self._look)
+        self._timer = self._clock.after(max(due - self._clock.now, 0.0), self._check_timeout)
 
-    def _look(self) -> None:
+    def _check_timeout(self) -> None:
         self._timer = None
-        if self._dialogue.controller.window.executes:  # the client waits for its result
-            self._received = self._clock.now
+        if self._dialogue.controller.command_window.executes:  # the client waits for its result
+            self._last_command_time = self._clock.now
         if (
             self._allowed_silence
-            and self._clock.now >= self._received + self._allowed_silence - _ROUNDING_S
+            and self._clock.now >= self._last_command_time + self._allowed_silence - _ROUNDING_S
         ):
             self._end(f'no command for {self._allowed_silence:g} s')
         else:

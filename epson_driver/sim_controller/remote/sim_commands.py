@@ -19,9 +19,9 @@ from epson_driver.sim_controller.remote.remote_acceptance import (
     CommandError,
     check,
     expect,
+    parameter_error,
     real,
     whole,
-    wrong,
 )
 from epson_driver.simple_message import IoType
 
@@ -57,7 +57,9 @@ def simulate(controller: Controller, parameters: list[str]) -> str | None:
     """
     name = parameters[0].lower() if parameters else ''
     if name not in SIM_COMMANDS:
-        raise wrong('$Sim', name, f'must be one of {", ".join(SIM_COMMANDS)}, print, why')
+        raise parameter_error(
+            '$Sim', name, f'must be one of {", ".join(SIM_COMMANDS)}, print, why'
+        )
     return SIM_COMMANDS[name].run(controller, parameters[1:])
 
 
@@ -65,7 +67,7 @@ def _events(**events: Event) -> Callable[[Controller, list[str]], None]:
     def run(controller: Controller, parameters: list[str]) -> None:
         event = events.get(','.join(parameters).lower())
         if event is None:
-            raise wrong('word', ','.join(parameters), f'must be {" or ".join(events)}')
+            raise parameter_error('word', ','.join(parameters), f'must be {" or ".join(events)}')
         controller.apply(event)
 
     return run
@@ -102,7 +104,7 @@ def _io(controller: Controller, parameters: list[str]) -> str | None:
     kinds = {name.lower(): io_type for name, io_type in IO_KINDS.items()}
     io_type = kinds.get(parameters[0].lower())
     if io_type is None:
-        raise wrong('points', parameters[0], f'must be one of {", ".join(IO_KINDS)}')
+        raise parameter_error('points', parameters[0], f'must be one of {", ".join(IO_KINDS)}')
     index = whole('index', parameters[1], 0, _MAX_INDEX)
     try:
         if len(parameters) < 3:
@@ -122,7 +124,9 @@ def _points(controller: Controller, name: str) -> str:
     for result in controller.io.ranges():
         if result.io_type == io_type:
             values += controller.io.read_range(io_type, result.start, result.count)
-    shown = values if io_type in _ANALOG else [at for at, value in enumerate(values) if value]
+    shown = (
+        values if io_type in _ANALOG else [index for index, value in enumerate(values) if value]
+    )
     return f'{name}={len(values)}:{" ".join(map(str, shown))}'
 
 

@@ -85,7 +85,7 @@ def _moving(controller: Controller) -> bool:
     return controller.moving
 
 
-def _held(controller: Controller) -> bool:
+def _stopped_by_pause(controller: Controller) -> bool:
     return controller.condition.paused and not controller.in_motion
 
 
@@ -155,7 +155,7 @@ ROBOT_INFO_0: dict[int, Predicate] = {
     0x10: power_high,
     0x100: _not(_moving),
     0x200: _moving,
-    0x400: _held,
+    0x400: _stopped_by_pause,
     0x4000: never,
 }
 """Bits of RobotInfo(0), the robot's state.

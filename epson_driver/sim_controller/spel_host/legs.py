@@ -46,37 +46,42 @@ class JointLeg:
 
     length = 0.0
 
-    def __init__(self, robot: RobotContext, begin: Array, end: Array) -> None:
+    def __init__(self, robot: RobotContext, start: Array, end: Array) -> None:
         self._model, self._spel = robot.controller.model, robot.controller.spel
-        self.begin, self.end = begin, end
-        self.curve = Curve(np.linspace(begin, end, MIN_SAMPLES))
+        self.start, self.end = start, end
+        self.curve = Curve(np.linspace(start, end, MIN_SAMPLES))
 
     @property
     def point(self) -> Point:
         """The end of this leg as a point for the arm, with a stop."""
         return rest_at(self.end)
 
-    def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
+    def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
         """Return the joint limits under Speed and Accel, and those of the speed along this leg."""
-        way = np.abs(self.end - self.begin)
-        limits = _shared(self._model.limits, *self._shares(way, low_power, share))
+        displacement = np.abs(self.end - self.start)
+        limits = _scaled(
+            self._model.limits, *self._speed_and_accel(displacement, low_power, fraction)
+        )
         with np.errstate(divide='ignore'):
             v, a, j = (
-                np.min(item / way) for item in (limits.velocity, limits.acceleration, limits.jerk)
+                np.min(item / displacement)
+                for item in (limits.velocity, limits.acceleration, limits.jerk)
             )
         return limits, CurveSpeed(float(v), float(a), float(j))
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion:
         """Return the motion of this leg alone, starting at rest at `start`."""
-        speed, accel = self._shares(self.end - start, low_power, 1.0)
+        speed, accel = self._speed_and_accel(self.end - start, low_power, 1.0)
         return go(self._model.limits, start, self.end, speed, accel)
 
-    def _shares(self, way: Array, low_power: bool, share: float) -> tuple[float, float]:
+    def _speed_and_accel(
+        self, displacement: Array, low_power: bool, fraction: float
+    ) -> tuple[float, float]:
         speed, accel = self._spel.speed, self._spel.accel
         if not low_power:
             return speed, accel
-        caps = low_power_caps(self._model.reach, share)
-        return min(speed, caps.speed(self._model.limits, way)), min(accel, caps.fraction)
+        caps = low_power_caps(self._model.reach, fraction)
+        return min(speed, caps.speed(self._model.limits, displacement)), min(accel, caps.fraction)
 
 
 class StraightLeg:
@@ -100,25 +105,25 @@ class StraightLeg:
         self._path = path
         self._speed = _turning if turning else _straight
         self.curve = Curve(samples)
-        self.begin, self.end, self.length = samples[0], samples[-1], path.length
+        self.start, self.end, self.length = samples[0], samples[-1], path.length
 
     @property
     def point(self) -> Point:
         """The end of this leg as a point for the arm, with a stop."""
         return replace(rest_at(self.end), path=self.from_rest)
 
-    def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
+    def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
         """Return the joint limits, and the limits of the tool's speed along this leg."""
         return _limits(self._robot, low_power), self._speed(self._robot, self._path, low_power)
 
     def motion(self, start: Array, low_power: bool) -> CurveMotion:
         """Return the motion from rest at `start`, shape (n,), rad.
 
-        If the leg was paused, `start` is not its begin, and the motion is a new straight line.
+        After a pause, `start` is not the start of the leg, and the motion is a new straight line.
         Raises SpelError or ValueError if no such line is possible.
         """
         curve, path = self.curve, self._path
-        if not np.allclose(start, self.begin, rtol=0.0, atol=1e-9):
+        if not np.allclose(start, self.start, rtol=0.0, atol=1e-9):
             samples, path = self._robot.points.path_to(self._target, start)
             curve = Curve(samples)
         speed = self._speed(self._robot, path, low_power)
@@ -134,7 +139,7 @@ class StraightLeg:
             return go(limits, start, self.end, LOW_POWER, LOW_POWER)
 
 
-def over(
+def jump_points(
     robot: RobotContext,
     request: MotionRequest,
     legs: Sequence[JointLeg | StraightLeg],
@@ -146,20 +151,20 @@ def over(
     those of the arch (p477).
     """
     arch = [request.numbers.get(item, math.inf) / _MM for item in ('depart', 'approach')]
-    gate = [leg.point for leg in legs]
-    there = np.allclose(legs[1].begin, legs[1].end, rtol=0.0, atol=SHORTEST_PATH)
-    if not (arch[0] < heights[0] and arch[1] < heights[1]) or there:
-        return gate
-    taken = legs[:2] if request.sense else legs  # Sense is evaluated above the target
+    points = [leg.point for leg in legs]
+    no_span = np.allclose(legs[1].start, legs[1].end, rtol=0.0, atol=SHORTEST_PATH)
+    if not (arch[0] < heights[0] and arch[1] < heights[1]) or no_span:
+        return points
+    arch_legs = legs[:2] if request.sense else legs  # Sense is evaluated above the target
     path = Arch(
-        robot.controller.model.limits, taken, arch[0] / heights[0], 1.0 - arch[1] / heights[1]
+        robot.controller.model.limits, arch_legs, arch[0] / heights[0], 1.0 - arch[1] / heights[1]
     )
     try:
         path.check()
     except ValueError as error:
         _log.info('%s rests at its corners: %s', request.name.capitalize(), error)
-        return gate
-    return [replace(rest_at(taken[-1].end), path=path), *gate[len(taken) :]]
+        return points
+    return [replace(rest_at(arch_legs[-1].end), path=path), *points[len(arch_legs) :]]
 
 
 def rest_at(joints: Array) -> Point:
@@ -169,10 +174,10 @@ def rest_at(joints: Array) -> Point:
 
 def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
     fraction = LOW_POWER if low_power else 1.0
-    return _shared(robot.controller.model.limits, fraction, fraction)
+    return _scaled(robot.controller.model.limits, fraction, fraction)
 
 
-def _shared(limits: JointLimits, speed: float, accel: float) -> JointLimits:
+def _scaled(limits: JointLimits, speed: float, accel: float) -> JointLimits:
     return changed(limits, lambda kind, most: most * (speed if kind == 'velocity' else accel))
 
 
@@ -183,7 +188,7 @@ def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpee
     if low_power:
         speed, accel = min(speed, LOW_POWER_MM_S), min(accel, LOW_POWER_MM_S2)
     length = max(path.length, SHORTEST_PATH) * _MM
-    return _shares(robot, speed / length, accel / length)
+    return _with_speed_factor(robot, speed / length, accel / length)
 
 
 def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
@@ -195,10 +200,10 @@ def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed
     if low_power:
         speed = min(speed, LOW_POWER_MM_S / length * angle)
         accel = min(accel, LOW_POWER_MM_S2 / length * angle)
-    return _shares(robot, speed / angle, accel / angle)
+    return _with_speed_factor(robot, speed / angle, accel / angle)
 
 
-def _shares(robot: RobotContext, velocity: float, acceleration: float) -> CurveSpeed:
+def _with_speed_factor(robot: RobotContext, velocity: float, acceleration: float) -> CurveSpeed:
     factor = robot.controller.spel.values('SpeedFactor')[0] / 100.0
     acceleration *= factor
     return CurveSpeed(velocity * factor, acceleration, acceleration * JERK_PER_ACCELERATION)

@@ -23,7 +23,7 @@ STEP_RAD = 0.1
 """Initial sample spacing along a path, m and rad. The spline between the samples then deviates
 from the path by some micrometres."""
 
-MIN_LOOKS, MAX_LOOKS = 10, 500
+MIN_STEPS, MAX_STEPS = 10, 500
 FINER = 4
 """Factor by which the number of samples increases if a joint jumps between two samples."""
 
@@ -42,7 +42,7 @@ It is the initial value of SingularityDist (p158).
 MAX_TURN_RAD = 2.0 * NEAR_WRIST_RAD
 """Maximum deviation of the tool's orientation from its path."""
 
-ON_LINE_M, TRIES = 1e-9, 10
+ON_LINE_M, MAX_ITERATIONS = 1e-9, 10
 
 
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, through: bool) -> Array:
@@ -52,43 +52,43 @@ def joints_along(kinematics: Kinematics, path: PosePath, start: Array, through: 
     solution exists, KinematicsError if the robot has no inverse kinematics.
     """
     longest = max(path.length / STEP_M, path.angle / STEP_RAD)
-    looks = min(max(math.ceil(longest), MIN_LOOKS), MAX_LOOKS)
+    steps = min(max(math.ceil(longest), MIN_STEPS), MAX_STEPS)
     while True:
         try:
-            return _Looks(kinematics, path, start, looks).joints(through)
+            return _SampledPath(kinematics, path, start, steps).joints(through)
         except _JumpError:
-            if looks == MAX_LOOKS:
+            if steps == MAX_STEPS:
                 raise
-            looks = min(looks * FINER, MAX_LOOKS)
+            steps = min(steps * FINER, MAX_STEPS)
 
 
 class _JumpError(ValueError):
     pass
 
 
-class _Looks:
-    def __init__(self, kinematics: Kinematics, path: PosePath, start: Array, looks: int) -> None:
+class _SampledPath:
+    def __init__(self, kinematics: Kinematics, path: PosePath, start: Array, steps: int) -> None:
         self._kinematics = kinematics
         self._poses = [
-            path.pose(fraction) for fraction in np.linspace(0.0, 1.0, looks + 1).tolist()
+            path.pose(fraction) for fraction in np.linspace(0.0, 1.0, steps + 1).tolist()
         ]
         self._rows = [start]
         self._behind = 0  # index of the sample after the last singularity that was passed
 
     def joints(self, through: bool) -> Array:
-        while (place := len(self._rows)) < len(self._poses):
+        while (index := len(self._rows)) < len(self._poses):
             near = self._rows[-1]
-            result = self._kinematics.inverse(self._poses[place], near)
-            at = f'at {place / (len(self._poses) - 1) * 100.0:.0f} % of the path'
+            result = self._kinematics.inverse(self._poses[index], near)
+            at = f'at {index / (len(self._poses) - 1) * 100.0:.0f} % of the path'
             if not len(result):
                 raise ValueError(f'out of reach {at}')
             if np.max(np.abs(result[0] - near)) <= MAX_JOINT_STEP:
                 self._rows.append(result[0])
-            elif not (through and self._passed()):
+            elif not (through and self._pass_singularity()):
                 raise _JumpError(f'a joint would have to jump {at}')
         return np.array(self._rows)
 
-    def _passed(self) -> bool:
+    def _pass_singularity(self) -> bool:
         """Replace the last samples with a path through the singularity near them, if possible.
 
         Return whether this succeeded.
@@ -125,15 +125,15 @@ class _Looks:
     def _near(self, joints: Array) -> bool:
         return bool(np.any(np.abs(self._sides(joints)) < (NEAR_HAND_M, NEAR_WRIST_RAD)))
 
-    def _between(self, begin: int, end: int, entry: Array, leave: Array) -> Iterator[Array]:
+    def _between(self, first: int, end: int, entry: Array, leave: Array) -> Iterator[Array]:
         """Yield joint angles nearly evenly from `entry` to `leave`, with the tool on its line.
 
         Stop early if a joint leaves its range or the orientation deviates too far.
         """
         limits = self._kinematics.model.limits
-        for index in range(begin + 1, end):
-            joints = entry + (leave - entry) * (index - begin) / (end - begin)
-            for _ in range(TRIES):
+        for index in range(first + 1, end):
+            joints = entry + (leave - entry) * (index - first) / (end - first)
+            for _ in range(MAX_ITERATIONS):
                 tool = self._kinematics.forward(joints)
                 off = self._poses[index][:3, 3] - tool[:3, 3]
                 if np.max(np.abs(off)) < ON_LINE_M:

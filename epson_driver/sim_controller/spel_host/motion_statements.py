@@ -16,7 +16,7 @@ from epson_driver.sim_controller.spel_host.legs import (
     SHORTEST_PATH,
     JointLeg,
     StraightLeg,
-    over,
+    jump_points,
     rest_at,
 )
 from epson_driver.sim_controller.spel_host.robot_points import NEAREST, UNREACHABLE
@@ -75,7 +75,7 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     up[2] = across[2] = lim_z
     stops = start, up, across, target
     legs = [JointLeg(robot, first, end) for first, end in pairwise(stops)]
-    return over(robot, request, legs, (lim_z - start[2], lim_z - target[2]))
+    return jump_points(robot, request, legs, (lim_z - start[2], lim_z - target[2]))
 
 
 def _move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -94,7 +94,7 @@ def _line(
             if robot.points.other_hand(item, start):
                 text = f'{item} has another hand (/R or /L) than the arm: Go there, or change it'
                 raise bad(name, text)  # p106
-        via = _passed(robot, request, start)
+        via = _arc_midpoint(robot, request, start)
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:
@@ -112,7 +112,7 @@ def _line(
     return leg
 
 
-def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
+def _arc_midpoint(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
     """Return the intermediate point of an arc, from its point, angle, radius or centre (p104-109).
 
     Raises SpelError.
@@ -159,14 +159,14 @@ def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
     by = robot.points.stored(request.points[-1])
     here = robot.points.place(robot.motion.start)
     if request.name[0] == 't':
-        return replace(request, points=(_kept(robot, combined(here, by)),))
+        return replace(request, points=(_with_posture(robot, combined(here, by)),))
     turned = combined(replace(by, values=(0.0, 0.0, 0.0, *by.values[3:])), here)
     moved = (a + b for a, b in zip(here.values[:3], by.values[:3], strict=True))
     place = replace(turned, values=(*moved, *turned.values[3:]), flags=here.flags)
-    return replace(request, points=(_kept(robot, place),))
+    return replace(request, points=(_with_posture(robot, place),))
 
 
-def _kept(robot: RobotContext, place: SpelPoint) -> SpelPoint:
+def _with_posture(robot: RobotContext, place: SpelPoint) -> SpelPoint:
     """Return a Cartesian point with the current posture (p163), or with six axes, the nearest."""
     return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
@@ -189,7 +189,7 @@ def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     else:
         span = _line(robot, request, approach, rise.end)
     fall = _line(robot, request, target, span.end)
-    return over(robot, request, (rise, span, fall), (rise.length, fall.length))
+    return jump_points(robot, request, (rise, span, fall), (rise.length, fall.length))
 
 
 def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:

@@ -33,11 +33,11 @@ class PortObject(Session):
         self.name = name
         self.client = client
         self.connected = False
-        self.taken = False
+        self.had_client = False
         """Whether the port object has, or had, a client."""
         self.orphaned = False
         """Whether the task that opened the port object has ended."""
-        self.wanted = True
+        self.is_open = True
         """Whether the program has not closed the port object."""
         self.unread = bytearray()
         self._news = news
@@ -49,9 +49,9 @@ class PortObject(Session):
         """The TCP port that the program set with SetNet."""
         return self.settings.tcp_port
 
-    def begin(self, send: Send, close: Callable[[], None]) -> None:
+    def start(self, send: Send, close: Callable[[], None]) -> None:
         """Start the session with a connected client."""
-        self.connected = self.taken = True
+        self.connected = self.had_client = True
         self._send, self._close = send, close
         self._news()
 
@@ -81,7 +81,7 @@ class PortObject(Session):
 
     def end(self) -> None:
         """Close the connection with the client, if any."""
-        self.wanted = False
+        self.is_open = False
         close = self._close
         self.closed()
         if close is not None:
@@ -121,7 +121,7 @@ class ProgramNetwork:
             return f'the task that opened the {port} port has ended'
         if result.connected:
             return f'the {port} port already has a client'
-        if result.taken:
+        if result.had_client:
             return f'the {port} port has lost its client, and the program has not reopened it yet'
         return None
 
@@ -130,7 +130,7 @@ class ProgramNetwork:
         result = self._open(port)
         if result is None:
             raise ConnectionRefusedError(self.rejection(port))
-        result.begin(send, close)
+        result.start(send, close)
         return result
 
     def _open(self, port: str) -> PortObject | None:
@@ -171,10 +171,10 @@ class ProgramNetwork:
         """Connect the program's client ports with its server ports of the same number."""
         for client in self._objects.values():
             server = self._open(self.name(client.tcp_port)) if client.client else None
-            if server is None or client.taken or server.taken or server.orphaned:
+            if server is None or client.had_client or server.had_client or server.orphaned:
                 continue
-            client.begin(server.receive, server.closed)
-            server.begin(client.receive, client.closed)
+            client.start(server.receive, server.closed)
+            server.start(client.receive, client.closed)
 
     def close_net(self, port: int) -> None:
         """Close a port object if it is open."""

@@ -29,13 +29,13 @@ class ConditionCompletion:
 
     error: SpelError | None = None
 
-    def __init__(self, holds: Callable[[], bool]) -> None:
-        self._holds = holds
+    def __init__(self, is_met: Callable[[], bool]) -> None:
+        self._is_met = is_met
 
     @property
     def done(self) -> bool:
         """Whether the statement has ended."""
-        return self._holds()
+        return self._is_met()
 
     @property
     def fraction(self) -> float:
@@ -80,13 +80,13 @@ def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
     controller = robot.controller
     if 'on' in words:
         apply(controller, Event.MOTORS_ON)
-        _usual(robot)
+        _reset_cp_and_lim_z(robot)
         return ConditionCompletion(lambda: True)
     apply(controller, Event.MOTORS_OFF)
     return ConditionCompletion(lambda: controller.condition.motors in (Motors.OFF, Motors.HELD))
 
 
-def _usual(robot: RobotContext) -> None:
+def _reset_cp_and_lim_z(robot: RobotContext) -> None:
     """Set CP and LimZ to their initial values (p549)."""
     robot.motion.lim_z, robot.motion.cp = 0.0, False
 
@@ -107,8 +107,8 @@ def _reset(robot: RobotContext, _: Arguments, _words: Words) -> None:
 
 def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:
     robot.motion.abort(SpelError(ErrorNumber.MOTION_ABORTED))
-    robot.controller.forget_settings()
-    _usual(robot)
+    robot.controller.reset_settings()
+    _reset_cp_and_lim_z(robot)
     apply(robot.controller, Event.PROGRAM_POWER_LOW)
 
 

@@ -46,8 +46,8 @@ class Motion:
 class RobotMotion:
     """Executes motion statements with the arm, and calls `news` at the end of each one.
 
-    The conditions of Till and Find are evaluated every `scan` s. `claim` must be called before a
-    motion. It acquires the arm, or raises SpelError.
+    The conditions of Till and Find are evaluated every `scan` s. `acquire_arm` must be called
+    before a motion. It acquires the arm, or raises SpelError.
     """
 
     def __init__(
@@ -56,9 +56,9 @@ class RobotMotion:
         clock: Clock,
         news: Callable[[], None],
         scan: float,
-        claim: Callable[[], None],
+        acquire_arm: Callable[[], None],
     ) -> None:
-        self.claim = claim
+        self.acquire_arm = acquire_arm
         self._arm = arm
         self._period = scan
         self._clock = clock
@@ -71,7 +71,7 @@ class RobotMotion:
         """Whether the condition of Till ended the last motion."""
         self.sensed = False
         """Whether the condition of Sense ended the last Jump above its target."""
-        self.found: Array | None = None
+        self.find_position: Array | None = None
         """Position of the arm when the condition of Find was met, shape (n,), rad, or None."""
         self._down: Point | None = None  # target of Jump … Sense if the condition is not met
         self._arch: Arch | None = None  # the arch of the current motion
@@ -93,7 +93,7 @@ class RobotMotion:
         """Rest position after all earlier motions, shape (n,), rad."""
         return self._arm.destination
 
-    def begin(self, request: MotionRequest, points: Sequence[Point]) -> Motion:
+    def execute(self, request: MotionRequest, points: Sequence[Point]) -> Motion:
         """Start a motion to consecutive points.
 
         The arm stops at all points except the last one, which blends into the next motion if
@@ -112,14 +112,16 @@ class RobotMotion:
         self._down = self._points.pop() if request.sense is not None and before else None
         self.till_on = self.sensed = False
         if request.find is not None:
-            self.found = None
+            self.find_position = None
         if request.till is not None or request.find is not None:
-            self._scan = self._clock.every(self._period, self._look, first=self._period)
-        self._look()
-        self.settle()
+            self._scan = self._clock.every(
+                self._period, self._evaluate_conditions, first=self._period
+            )
+        self._evaluate_conditions()
+        self.update()
         return motion
 
-    def settle(self) -> None:
+    def update(self) -> None:
         """Supply points to the arm, end a completed statement, and schedule the next call."""
         while self._points and self._arm.has_room:
             self._arm.take(self._points.popleft())
@@ -131,14 +133,14 @@ class RobotMotion:
             self._due.cancel()
             self._due = None
         due = self._arm.due_in
-        if due < math.inf and not self._arm.still:
-            self._due = self._clock.after(max(due, SHORTEST_S), self.settle)
+        if due < math.inf and not self._arm.at_rest:
+            self._due = self._clock.after(max(due, SHORTEST_S), self.update)
 
     def abort(self, error: SpelError) -> bool:
         """Brake, and end the current statement with an error. Return whether one was executing."""
         self._arm.stop()
         ended = self._end(error)
-        self.settle()
+        self.update()
         return ended
 
     def _goes_down(self) -> bool:
@@ -157,7 +159,7 @@ class RobotMotion:
             return True
         if not self.sensed:
             self._points.append(down)
-            self.settle()
+            self.update()
         return not self.sensed
 
     def _fraction(self) -> float:
@@ -175,10 +177,10 @@ class RobotMotion:
             if target != 2:
                 return -1.0 if target < 2 else 1.0
             parts, stops, target = parts[1:2], stops[1:3], 1
-        left = sum(parts[target:])
-        left += float(np.linalg.norm(stops[target] - position))
+        remaining = sum(parts[target:])
+        remaining += float(np.linalg.norm(stops[target] - position))
         whole = sum(parts)
-        return min(max(1.0 - left / whole, 0.0), 1.0) if whole else 1.0
+        return min(max(1.0 - remaining / whole, 0.0), 1.0) if whole else 1.0
 
     def _end(self, error: SpelError | None) -> bool:
         motion, self._motion = self._motion, None
@@ -193,22 +195,22 @@ class RobotMotion:
         self._news()
         return True
 
-    def _look(self) -> None:
+    def _evaluate_conditions(self) -> None:
         """Evaluate the conditions of Till and Find. Till brakes the arm."""
         motion = self._motion
         if motion is None or self.till_on:
             return
         request = motion.request
         try:
-            finds = request.find is not None and self.found is None and request.find()
+            finds = request.find is not None and self.find_position is None and request.find()
             self.till_on = request.till is not None and bool(request.till())
         except SpelError as error:
             self.abort(error)
             return
         if finds:
-            self.found = self._arm.position
+            self.find_position = self._arm.position
         if self.till_on:
             self._points.clear()
             self._down = None
             self._arm.stop()
-            self.settle()
+            self.update()

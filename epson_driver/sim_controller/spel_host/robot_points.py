@@ -35,7 +35,7 @@ _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
 """Groups of postures, in the order of the values of `Kinematics.sides`. A SCARA has the first."""
 
-_LEFT_OPEN = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
+_UNDETERMINED = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
 """Robot type → point flag and index of a joint whose angle the tool pose may leave undetermined.
 
 The flag specifies the angle (p449, p455).
@@ -139,21 +139,21 @@ class RobotPoints:
         where, turn = self._kinematics.epson_point(angles)
         flags = [words[0] for words in self._posture(angles)]
         if self._model.kind == SCARA:
-            turn[0] = self._counted(float(turn[0]), angles)
+            turn[0] = self._with_turns(float(turn[0]), angles)
         return Point(
             'xy',
             (*without_rounding(where * _MM), *without_rounding(np.degrees(turn))),
-            (*(flag for flag in flags if flag not in _USUAL), *self._left_open(angles)),
+            (*(flag for flag in flags if flag not in _USUAL), *self._undetermined(angles)),
         )
 
-    def _left_open(self, angles: Array) -> Iterator[str]:
+    def _undetermined(self, angles: Array) -> Iterator[str]:
         """Yield the flags of the joint angles that the tool pose does not determine."""
-        for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
+        for mark, joint in _UNDETERMINED.get(self._type, {}).items():
             side = self._kinematics.sides(angles)[-1 if joint else 0]
             if abs(math.remainder(side, FULL_TURN)) < STRAIGHT_RAD:
                 yield f'{mark}{math.degrees(angles[joint]):.3f}'
 
-    def _counted(self, u: float, angles: Array) -> float:
+    def _with_turns(self, u: float, angles: Array) -> float:
         """Return the orientation `u` of a SCARA, rad, with the full turns of its joints added."""
         axes = self._model.chain.axes[:, 2] * self._model.base.matrix[2, 2]
         revolute = np.array([kind == REVOLUTE for kind in self._model.joint_types])
@@ -172,8 +172,8 @@ class RobotPoints:
             point = replace(point, flags=tuple(flags))
         names = ('hand', 'elbow', 'wrist', 'j6flag', 'j4flag')
         groups = [POSTURES[name] for name in names[: 1 if self._model.kind == SCARA else None]]
-        report = [next((f for f in point.flags if f in group), group[0]) for group in groups]
-        return replace(point, flags=(*report, *(f for f in point.flags if f not in report)))
+        posture = [next((f for f in point.flags if f in group), group[0]) for group in groups]
+        return replace(point, flags=(*posture, *(f for f in point.flags if f not in posture)))
 
     def other_hand(self, point: Point, joints: Array) -> bool:
         """Return whether a point specifies another hand than that of joint angles, shape (n,)."""
@@ -187,8 +187,8 @@ class RobotPoints:
     def _angles(self, point: Point, near: Array) -> Array:
         if point.kind == 'xy':
             return self._reaching(point, near)
-        counted = point.kind == 'pulses'
-        per_unit = self.pulses_per_unit if counted else self._model.shown_per_unit
+        in_pulses = point.kind == 'pulses'
+        per_unit = self.pulses_per_unit if in_pulses else self._model.shown_per_unit
         count = len(per_unit)
         if len(point.values) < count or any(point.values[count:]):
             text = f'{len(point.values)} values for {count} joints'
@@ -207,15 +207,15 @@ class RobotPoints:
         """
         here = self._kinematics.forward(start)
         if point.kind == 'xy':
-            there = self._pose(point)
+            end = self._pose(point)
         else:
-            there = self._kinematics.forward(self.joints(point, start))
+            end = self._kinematics.forward(self.joints(point, start))
         try:
             if via is None:
-                path = line(here, there)
+                path = line(here, end)
             else:
-                lead = level_arc if level else arc
-                path = lead(here, self._pose(self.stored(via))[:3, 3], there)
+                arc_through = level_arc if level else arc
+                path = arc_through(here, self._pose(self.stored(via))[:3, 3], end)
         except ValueError as error:
             raise SpelError(UNREACHABLE, f'{point}: {error}') from error
         try:
@@ -230,15 +230,15 @@ class RobotPoints:
         usual = near.copy()
         if not free and self._model.kind != SCARA:
             usual[3] = 0.0  # if joints 4 and 6 are in line, only joint 6 turns (p79)
-        for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
-            report = next((flag for flag in point.flags if flag.startswith(mark)), mark)
-            usual[joint] = math.radians(float(report[3:] or 0))
+        for mark, joint in _UNDETERMINED.get(self._type, {}).items():
+            flag_of_joint = next((flag for flag in point.flags if flag.startswith(mark)), mark)
+            usual[joint] = math.radians(float(flag_of_joint[3:] or 0))
         result = self._solutions(point, self._pose(point), usual)
         fitting = result if free else [item for item in result if self._fits(point, item)]
         if not len(fitting):
             why = ': in another posture it is not' if len(result) else ''
             raise SpelError(UNREACHABLE, f'{point} is out of reach{why}')
-        return np.asarray(min(fitting, key=lambda each: float(np.linalg.norm(each - near))))
+        return np.asarray(min(fitting, key=lambda item: float(np.linalg.norm(item - near))))
 
     def least_motion(self, point: Point, near: Array, number: int) -> Point:
         """Return a Cartesian point in the posture that LJM selects for the joint angles `near`.
@@ -255,7 +255,7 @@ class RobotPoints:
         first = [int(name[1]) - 1 for name in order.split()]
         now = {flag for words in self._posture(near) for flag in words}
 
-        def suits(joints: Array) -> bool:
+        def matches(joints: Array) -> bool:
             has = {flag for words in self._posture(joints) for flag in words}
             signs = {'=': has & now, '!': has - now}
             return all(
@@ -270,11 +270,11 @@ class RobotPoints:
         result = [
             solution
             for solution in self._solutions(point, self._pose(point), near)
-            if suits(solution)
+            if matches(solution)
         ]
         if result:
             best = min(result, key=motion)
-            for words in (*self._posture(best), *((flag,) for flag in self._left_open(best))):
+            for words in (*self._posture(best), *((flag,) for flag in self._undetermined(best))):
                 point = point.flagged(words[0])
         return point
 
@@ -282,7 +282,7 @@ class RobotPoints:
         """Return whether joint angles have the posture of a point, and with a SCARA, its turns."""
         if self._model.kind == SCARA:
             u = math.radians(point.values[3])
-            if abs(self._counted(u, joints) - u) > math.pi:
+            if abs(self._with_turns(u, joints) - u) > math.pi:
                 return False
         for fitting in self._posture(joints):
             group = next(words for words in POSTURES.values() if fitting[0] in words)

@@ -97,10 +97,10 @@ def _state(name: str) -> Callable[[RobotContext, Arguments], int]:
 def _setting(name: str, usual: float) -> Callable[[RobotContext, Arguments], float]:
     def read(robot: RobotContext, arguments: Arguments) -> float:
         values = robot.controller.spel.values(name) or (usual,)
-        which = arguments[0] if arguments else 1
-        if isinstance(which, Point) or not 1 <= which <= 6:
-            raise bad(name, f'{which} is not in 1..6')
-        return values[min(int(which), len(values)) - 1]
+        number = arguments[0] if arguments else 1
+        if isinstance(number, Point) or not 1 <= number <= 6:
+            raise bad(name, f'{number} is not in 1..6')
+        return values[min(int(number), len(values)) - 1]
 
     return read
 
@@ -124,8 +124,8 @@ def _range(robot: RobotContext, arguments: Arguments) -> int:
     if arguments[1] not in (1, 2):
         raise bad('JRange', f'{arguments[1]} is not 1 or 2')
     limits, per_unit = robot.controller.model.limits, robot.points.pulses_per_unit
-    ends = (limits.position_min[joint], limits.position_max[joint])
-    low, high = sorted(float(end * per_unit[joint]) for end in ends)
+    bounds = (limits.position_min[joint], limits.position_max[joint])
+    low, high = sorted(float(bound * per_unit[joint]) for bound in bounds)
     return int(np.ceil(low) if arguments[1] == 1 else np.floor(high))
 
 
@@ -184,9 +184,10 @@ def _where(robot: RobotContext, _: Arguments) -> str:
     pulses = robot.points.pulses_per_unit * robot.here
     return '\n'.join(
         (
-            'WORLD:' + ''.join(f'  {axis}:{at:9.3f} {unit}' for axis, at, unit in world),
+            'WORLD:' + ''.join(f'  {axis}:{value:9.3f} {unit}' for axis, value, unit in world),
             _joint(robot, ()),
-            'PULSE:' + ''.join(f'  {n}:{round(at):9d} pls' for n, at in enumerate(pulses, 1)),
+            'PULSE:'
+            + ''.join(f'  {n}:{round(value):9d} pls' for n, value in enumerate(pulses, 1)),
         )
     )
 
@@ -195,13 +196,15 @@ def _joint(robot: RobotContext, _: Arguments) -> str:
     model = robot.controller.model
     units = ('deg' if kind == REVOLUTE else 'mm' for kind in model.joint_types)
     shown = zip(without_rounding(robot.here * model.shown_per_unit), units, strict=True)
-    return 'JOINT:' + ''.join(f'  {n}:{at:9.3f} {unit}' for n, (at, unit) in enumerate(shown, 1))
+    return 'JOINT:' + ''.join(
+        f'  {n}:{value:9.3f} {unit}' for n, (value, unit) in enumerate(shown, 1)
+    )
 
 
-def _found(robot: RobotContext, _: Arguments) -> Point:
-    if robot.motion.found is None:
+def _find_position(robot: RobotContext, _: Arguments) -> Point:
+    if robot.motion.find_position is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, 'FindPos: no position found by Find')
-    return robot.points.place(robot.motion.found)
+    return robot.points.place(robot.motion.find_position)
 
 
 def _tool(robot: RobotContext, arguments: Arguments) -> Point:
@@ -236,8 +239,8 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'robottype': lambda robot, _: robot_type(robot.controller.model),
     'inpos': _truth(lambda controller: not controller.in_motion),
     'js': lambda robot, _: -1 if robot.motion.sensed else 0,
-    'posfound': lambda robot, _: -1 if robot.motion.found is not None else 0,
-    'findpos': _found,
+    'posfound': lambda robot, _: -1 if robot.motion.find_position is not None else 0,
+    'findpos': _find_position,
     'tool': lambda robot, _: robot.points.tool,
     'tlset': _tool,
     'tldef': lambda robot, arguments: -(arguments[0] in robot.points.tools),

@@ -96,7 +96,7 @@ class LogTerminal(Unattended):
             _terminal.handle(record)
 
 
-LOOK_S = 0.010
+POLL_PERIOD_S = 0.010
 """Polling period for the end of statements that have no event at their end, s."""
 
 _IO = {
@@ -170,24 +170,24 @@ class SpelHost:
         Raises SpelError.
         """
         if name in MOVING:
-            given = zip(('joint', 'step'), arguments, strict=False)
-            numbers = {key: float(value) for key, value in given if isinstance(value, int | float)}
+            named = zip(('joint', 'step'), arguments, strict=False)
+            numbers = {key: float(value) for key, value in named if isinstance(value, int | float)}
             return self.move(MotionRequest(name, (), numbers=numbers))
         completion = command(self._robot, name, arguments, words)
         if completion is not None and not completion.done:
-            self._look(completion)
+            self._poll(completion)
         return completion
 
-    def _look(self, completion: Completion) -> None:
+    def _poll(self, completion: Completion) -> None:
         """Poll a statement that has no event at its end, and call `news` at its end."""
         timer: Timer
 
-        def look() -> None:
+        def poll() -> None:
             if completion.done:
                 timer.cancel()
                 self._news()
 
-        timer = self._controller.clock.every(LOOK_S, look, first=LOOK_S)
+        timer = self._controller.clock.every(POLL_PERIOD_S, poll, first=POLL_PERIOD_S)
 
     def move(self, request: MotionRequest) -> Motion:
         """Start a motion. Raises SpelError if it is invalid or the arm cannot move now."""
@@ -197,8 +197,8 @@ class SpelHost:
         )
         if rejection is not None:
             raise SpelError(rejection.number, rejection.sentence)
-        self._robot.motion.claim()
-        motion = self._robot.motion.begin(request, points_of(self._robot, request))
+        self._robot.motion.acquire_arm()
+        motion = self._robot.motion.execute(request, points_of(self._robot, request))
         self._moves()
         return motion
 

@@ -53,10 +53,10 @@ _STATES = {
     TaskState.QUICK_PAUSED: 'paused',
     TaskState.ABORTED: 'aborted',
 }
-STANDS_S = 0.004
+STANDSTILL_POLL_S = 0.004
 """Polling period for standstill after a command that moved the arm, s."""
 
-_HELD = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_RECOVER: 'sgclose'}
+_TRAP_EVENTS = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_RECOVER: 'sgclose'}
 """State of the paused tasks → name of the Trap event."""
 
 MOTION_ERRORS = range(4000, 6000)
@@ -78,8 +78,8 @@ class SpelProgram:
     main is started at boot and by an operator, BgMain at boot. An operator's start clears the
     global variables unless the program has a BgMain, which may share them.
 
-    Without a `terminal` the output is logged. `claim` is called before a motion. It acquires the
-    arm, or raises SpelError. `starts`: the function that is started instead of main. BgMain is
+    Without a `terminal` the output is logged. `acquire_arm` is called before a motion. It acquires
+    the arm, or raises SpelError. `starts`: the function that is started instead of main. BgMain is
     then not started. Raises ProgramError if the program has statements that are not simulated.
     """
 
@@ -90,8 +90,8 @@ class SpelProgram:
         arm: PointToPoint,
         network: ProgramNetwork,
         terminal: Terminal | None = None,
-        claim: Callable[[], None] = _nothing,
-        around: ProgramEnvironment | None = None,
+        acquire_arm: Callable[[], None] = _nothing,
+        environment: ProgramEnvironment | None = None,
         starts: str = MAIN,
     ) -> None:
         self._program = program
@@ -102,9 +102,11 @@ class SpelProgram:
         self._controller = controller
         self._arm = arm
         self._network = network
-        self._around = around
+        self._environment = environment
         self._timing = Timing()
-        self._motion = RobotMotion(arm, controller.clock, self._soon, self._timing.scan, claim)
+        self._motion = RobotMotion(
+            arm, controller.clock, self._soon, self._timing.scan, acquire_arm
+        )
         robot = RobotContext(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
             controller,
@@ -113,7 +115,7 @@ class SpelProgram:
             terminal or LogTerminal(controller.clock),
             self._soon,
             self._task_failed,
-            self._asked_to_pause,
+            self._request_pause,
             self._task_moves,
             lambda: self._machine.running_number == COMMAND_TASK,
         )
@@ -128,12 +130,12 @@ class SpelProgram:
         self._output: list[str] = []  # of the current command
         self._command_error: SpelError | None = None
         self._command_moved = False
-        self._standing: Timer | None = None
+        self._standstill_timer: Timer | None = None
         network.news = self._soon
-        self._machine, self._begun = self._new_machine()
+        self._machine, self._start_time = self._new_machine()
 
     def _new_machine(self) -> tuple[Machine, float]:
-        machine = Machine(self._program, self._host, self._timing, around=self._around)
+        machine = Machine(self._program, self._host, self._timing, around=self._environment)
         if self._background is not None:
             machine.start_background(self._background.name)
         self._soon()
@@ -160,14 +162,14 @@ class SpelProgram:
             self._running = False
         while self._later:
             self._later.pop(0)()
-        self._look_at_tasks()
+        self._check_tasks()
         due = self._machine.next_time()
         if self._timer is None and due is not None:
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
 
     def _now(self) -> float:
         """Return the time of the tasks, s, rounded up to an event that is due."""
-        now = self._controller.clock.now - self._begun
+        now = self._controller.clock.now - self._start_time
         due = self._machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
 
@@ -203,12 +205,12 @@ class SpelProgram:
             _log.error('main is not started: %s', error)
             self._controller.raise_error(error.number)
 
-    def _look_at_tasks(self) -> None:
+    def _check_tasks(self) -> None:
         """Abort a motion whose task has ended, answer a command, and detect the program's end."""
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task has ended'))
-        self._look_at_command()
+        self._check_command()
         condition = self._controller.condition
         own = self._controller.program is self
         if own and not self.runs and condition.tasks is Tasks.RUNNING:
@@ -238,7 +240,7 @@ class SpelProgram:
         return self._answer is not None
 
     def execute(self, text: str, answer: Answer) -> None:
-        """Start a command, see `Window.execute`."""
+        """Start a command, see `CommandWindow.execute`."""
         if self.executes:
             raise RuntimeError('a command is being executed')
         self._pass_time()
@@ -257,18 +259,20 @@ class SpelProgram:
         self._machine.world.end(task)
         self._soon()
 
-    def _look_at_command(self) -> None:
+    def _check_command(self) -> None:
         """Answer a command that has ended, once the arm is at rest if the command moved it."""
         answer = self._answer
         if answer is None or COMMAND_TASK in self._machine.world.tasks:
             return
         if self._command_moved and self._controller.in_motion:
-            if self._standing is None:
-                self._standing = self._controller.clock.every(STANDS_S, self._look_at_command)
+            if self._standstill_timer is None:
+                self._standstill_timer = self._controller.clock.every(
+                    STANDSTILL_POLL_S, self._check_command
+                )
             return
-        if self._standing is not None:
-            self._standing.cancel()
-            self._standing = None
+        if self._standstill_timer is not None:
+            self._standstill_timer.cancel()
+            self._standstill_timer = None
         self._answer = None
         answer(printed(self._output) if self._command_error is None else self._command_error)
 
@@ -307,10 +311,10 @@ class SpelProgram:
 
     def step(self, dt: float) -> None:
         """Advance the arm by `dt` ≥ 0 s."""
-        left = self._arm.step(dt)
-        while left is not None and left > 0.0 and self._arm.moving:
-            left = self._arm.step(left)
-        self._motion.settle()
+        time_left = self._arm.step(dt)
+        while time_left is not None and time_left > 0.0 and self._arm.moving:
+            time_left = self._arm.step(time_left)
+        self._motion.update()
 
     def abort(self) -> None:
         """Brake after the motors have been switched off. The moving task gets error 2999."""
@@ -349,24 +353,24 @@ class SpelProgram:
         self._after_tasks(self._boot)
 
     def _boot(self) -> None:
-        kept = self._machine.preserved()
+        preserved_values = self._machine.preserved()
         self._motion.abort(_aborted('the controller was switched off'))
         self._network.close_all()
-        self._machine, self._begun = self._new_machine()
-        self._machine.restore(kept)
+        self._machine, self._start_time = self._new_machine()
+        self._machine.restore(preserved_values)
         self._starting, self._ended = True, False
         self._soon()
 
     def pause(self) -> None:
         """Pause the Normal tasks, and start the Trap task for a pause or the door, if any."""
-        event = _HELD.get(self._controller.condition.tasks)
+        event = _TRAP_EVENTS.get(self._controller.condition.tasks)
 
-        def hold() -> None:
+        def pause_tasks() -> None:
             self._machine.pause()
             if event is not None:
                 self._machine.event(event)
 
-        self._after_tasks(hold)
+        self._after_tasks(pause_tasks)
 
     def resume(self) -> None:
         """Resume after a pause, or start main if the tasks had ended."""
@@ -378,7 +382,7 @@ class SpelProgram:
         if self._ended:
             self._ended = False
             self._starting = not self._running  # not if StartMain is starting it
-        self._motion.settle()
+        self._motion.update()
         self._after_tasks(self._machine.resume)
 
     def tasks(self) -> Iterator[TaskRow]:
@@ -404,7 +408,7 @@ class SpelProgram:
         self._later.append(lambda: self._controller.raise_error(error.number, critical, report))
         self._soon()
 
-    def _asked_to_pause(self, on: bool) -> None:
+    def _request_pause(self, on: bool) -> None:
         self._later.append(lambda: self._apply(Event.PAUSE if on else Event.CONTINUE))
 
     def _apply(self, event: Event) -> None:

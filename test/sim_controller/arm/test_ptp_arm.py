@@ -15,7 +15,7 @@ from epson_driver.motion import go
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.sim_controller.arm.point_to_point import OVERLAP_SHARE, PointToPoint
+from epson_driver.sim_controller.arm.point_to_point import OVERLAP_FRACTION, PointToPoint
 
 MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
@@ -87,7 +87,7 @@ class Harness:
         """Step until the arm is at rest, and return the time needed, s."""
         since = len(self.positions)
         for _ in range(round(seconds / DT)):
-            if self.arm.still:
+            if self.arm.at_rest:
                 return (len(self.positions) - since) * DT
             self.step()
         raise AssertionError('the arm does not come to rest')
@@ -141,7 +141,7 @@ def test_overhead_delays_the_start_of_a_move():
     one = harness(statement_overhead=0.012)
     one.send(*CORNER[:2])
     assert one.arm.moving
-    assert not one.arm.still
+    assert not one.arm.at_rest
     one.run_for(0.011)
     assert not np.any(one.positions)
     one.run_for(0.002)
@@ -244,7 +244,7 @@ def test_inv2_rounding_near_a_limit_does_not_pass_it():
 
 def test_cp_passes_known_points_without_a_stop():
     one = harness(cp=True, acknowledge='taken')
-    rests = harness(acknowledge='taken', accel=OVERLAP_SHARE)
+    rests = harness(acknowledge='taken', accel=OVERLAP_FRACTION)
     for item in (one, rests):
         item.send(*CORNER)
     assert one.run() < rests.run() - 0.1
@@ -272,12 +272,13 @@ def test_cp_answers_a_point_when_its_deceleration_starts():
     one.send(*CORNER[:2])
     one.run()
     assert one.answers[0][1] == pytest.approx(
-        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_SHARE).braking, abs=1e-8
+        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_FRACTION).braking, abs=1e-8
     )
     assert one.taken[1][1] == one.answers[0][1]
     one.check()
     duration = sum(
-        go(LIMITS, *pair, 0.5, OVERLAP_SHARE).duration for pair in ((HOME, CORNER[0]), CORNER[:2])
+        go(LIMITS, *pair, 0.5, OVERLAP_FRACTION).duration
+        for pair in ((HOME, CORNER[0]), CORNER[:2])
     )
     assert one.time < duration - 0.05
 
@@ -285,8 +286,8 @@ def test_cp_answers_a_point_when_its_deceleration_starts():
 def test_point_received_during_deceleration_is_not_blended():
     one = harness(cp=True, speed=0.5)
     first, second = (
-        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_SHARE),
-        go(LIMITS, *CORNER[:2], 0.5, OVERLAP_SHARE),
+        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_FRACTION),
+        go(LIMITS, *CORNER[:2], 0.5, OVERLAP_FRACTION),
     )
     one.send(CORNER[0])
     one.run_for(first.braking + 2 * DT)
@@ -376,7 +377,7 @@ def test_inv3_hold_stays_on_the_path_and_resume_reaches_every_target(instant):
     one.arm.hold()
     one.arm.hold()
     one.run()
-    assert one.arm.still
+    assert one.arm.at_rest
     where = one.arm.position
     one.run_for(0.3)
     np.testing.assert_array_equal(one.arm.position, where)
@@ -395,11 +396,11 @@ def test_inv3_hold_stays_on_the_path_and_resume_reaches_every_target(instant):
 def test_hold_at_rest_keeps_the_points_until_stop():
     one = harness(acknowledge='taken')
     one.arm.hold()
-    assert one.arm.still
+    assert one.arm.at_rest
     assert not one.arm.moving
     one.send(at(1.0))
     one.run_for(0.1)
-    assert one.arm.still
+    assert one.arm.at_rest
     assert one.arm.moving
     assert not np.any(one.positions)
     assert one.stop()
@@ -412,7 +413,7 @@ def test_hold_at_rest_keeps_the_points_until_stop():
 def test_resume_after_a_hold_in_a_blend_reaches_every_target():
     one = harness(cp=True, acknowledge='taken', speed=0.5)
     one.send(*CORNER)
-    one.run_for(go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_SHARE).braking + 0.03)
+    one.run_for(go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_FRACTION).braking + 0.03)
     assert np.all(one.arm.velocity[:2] != 0.0)  # both lines
     one.arm.hold()
     one.run()
@@ -438,16 +439,16 @@ def test_resume_during_braking_continues_from_rest():
 
 def test_settle_requires_an_arm_without_points():
     one = harness()
-    one.arm.settle(at(0.4, -0.2))
+    one.arm.set_position(at(0.4, -0.2))
     np.testing.assert_array_equal(one.arm.position, at(0.4, -0.2))
     with pytest.raises(ValueError, match='joint_1'):
-        one.arm.settle(at(9.0))
+        one.arm.set_position(at(9.0))
     one.send(at(1.0))
     with pytest.raises(RuntimeError, match='pending points'):
-        one.arm.settle(HOME)
+        one.arm.set_position(HOME)
     one.arm.hold()
     with pytest.raises(RuntimeError, match='pending points'):
-        one.arm.settle(HOME)
+        one.arm.set_position(HOME)
     one.arm.resume()
     one.run()
     np.testing.assert_array_equal(one.arm.position, at(1.0))
@@ -553,7 +554,7 @@ def test_inv2_and_3_random_events_exceed_no_limit(
             sent += 2
         elif event != 'none':
             one.arm.low_power = event == 'low'
-        assert one.arm.still or one.arm.moving
+        assert one.arm.at_rest or one.arm.moving
     one.arm.resume()
     one.arm.low_power = False
     one.run(300.0)
@@ -655,19 +656,19 @@ def test_started_points_are_counted_once():
     for index in range(1, 4):
         arm.take(Point(index, HOME + 0.1 * index * AXIS, 0.0, 0.0))
     arm.step(0.01)
-    assert arm.begun == 1
+    assert arm.started_points == 1
     arm.hold()
-    while not arm.still:
+    while not arm.at_rest:
         arm.step(0.004)
     arm.resume()
     seen = []
     while arm.moving:
         arm.step(0.004)
-        seen.append(arm.begun)
+        seen.append(arm.started_points)
     assert seen[0] == 1
     assert sorted(set(seen)) == [1, 2, 3]
     arm.take(Point(4, HOME + 0.3 * AXIS, 0.0, 0.0))  # the current position
-    assert arm.begun == 4
+    assert arm.started_points == 4
 
 
 def test_destination_is_known_in_every_phase():

@@ -113,7 +113,7 @@ def test_pushed_joint_returns_and_a_placed_joint_stays():
         one.step(START, DT)
     assert one.settled
     np.testing.assert_array_equal(one.actual, START)
-    one.place(START + 0.01)
+    one.set_position(START + 0.01)
     assert one.settled
     one.freeze(0)
     np.testing.assert_array_equal(one.actual, START + 0.01)

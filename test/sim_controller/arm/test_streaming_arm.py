@@ -217,10 +217,10 @@ def test_settled_arm_starts_from_its_new_position():
     harness.waiting.clear()
     harness.arm.stop()
     harness.until_still()
-    harness.arm.settle(ELSEWHERE)
+    harness.arm.set_position(ELSEWHERE)
     assert harness.arm.position.tolist() == ELSEWHERE.tolist()
     assert not harness.arm.velocity.any()
-    assert harness.arm.still
+    assert harness.arm.at_rest
     harness.run(0.5)  # a pending plan is discarded
     assert harness.arm.position.tolist() == ELSEWHERE.tolist()
     since = len(harness.positions)
@@ -234,12 +234,12 @@ def test_settle_is_refused_while_points_remain():
     harness = StreamingHarness()
     harness.send(FAST)
     with pytest.raises(RuntimeError, match='has pending points'):
-        harness.arm.settle(ELSEWHERE)
+        harness.arm.set_position(ELSEWHERE)
     harness.run(0.4)
     harness.arm.hold()
     harness.until_still()
     with pytest.raises(RuntimeError, match='has pending points'):
-        harness.arm.settle(ELSEWHERE)
+        harness.arm.set_position(ELSEWHERE)
     harness.arm.resume()
     harness.rest()
     assert_passes(harness, FAST)
@@ -248,7 +248,7 @@ def test_settle_is_refused_while_points_remain():
 def test_settle_beyond_the_limits_is_refused():
     harness = StreamingHarness()
     with pytest.raises(ValueError, match='joint_2: position 2 is outside the limits'):
-        harness.arm.settle(np.full(6, 2.0) * np.eye(6)[1])
+        harness.arm.set_position(np.full(6, 2.0) * np.eye(6)[1])
     assert harness.arm.position.tolist() == HOME.tolist()
     harness.send(FAST)
     harness.rest()
@@ -258,7 +258,7 @@ def test_settle_beyond_the_limits_is_refused():
 def test_settle_does_not_end_a_hold():
     harness = StreamingHarness()
     harness.arm.hold()
-    harness.arm.settle(ELSEWHERE)
+    harness.arm.set_position(ELSEWHERE)
     harness.send([HOME], 0.5, first=1)
     assert harness.taken == 0
     harness.arm.resume()
@@ -277,7 +277,7 @@ def test_inv1_plan_requested_before_a_stop_is_discarded():
     harness.waiting.clear()
     harness.arm.stop()
     since = len(harness.positions)
-    harness.arm.settle(ELSEWHERE)
+    harness.arm.set_position(ELSEWHERE)
     harness.send([ELSEWHERE, HOME], 0.5)
     harness.rest()
     assert_within_limits(harness, since=since)
@@ -314,7 +314,7 @@ def test_inv2_plan_beyond_a_limit_brakes_and_is_reported():
     (failure,) = harness.failures
     assert failure.startswith('the arm brakes: joint_')
     assert 'is beyond the limit' in failure
-    assert harness.arm.still or not harness.arm.has_room  # a braking arm accepts no point
+    assert harness.arm.at_rest or not harness.arm.has_room  # a braking arm accepts no point
     harness.rest()
     assert_within_limits(harness)
     # the next motion starts from the current position

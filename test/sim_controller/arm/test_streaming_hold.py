@@ -54,7 +54,7 @@ def test_inv2_and_3_hold_brakes_on_the_path_and_keeps_all_points(share, delay):
     assert np.max(np.abs(harness.arm.velocity) / LIMITS.velocity) > 0.05
     since = len(harness.positions)
     harness.arm.hold()
-    assert not harness.arm.still
+    assert not harness.arm.at_rest
     assert harness.until_still() < 0.25  # independent of the planner's latency
     assert harness.arm.moving
     assert not harness.arm.velocity.any()
@@ -62,9 +62,9 @@ def test_inv2_and_3_hold_brakes_on_the_path_and_keeps_all_points(share, delay):
     assert farthest(harness.trace[since::10], free.trace) < 0.01  # one step between samples
     harness.run(1.0)
     assert harness.arm.position.tolist() == rest
-    assert harness.arm.still
+    assert harness.arm.at_rest
     harness.arm.resume()
-    assert not harness.arm.still
+    assert not harness.arm.at_rest
     harness.rest()
     assert_within_limits(harness)
     assert_passes(harness, FAST)
@@ -157,9 +157,9 @@ def test_hold_before_the_first_motion_prevents_the_start(seconds, begins):
     if begins:
         harness.arm.step(0.0)
     assert not harness.arm.velocity.any()
-    assert not harness.arm.still
+    assert not harness.arm.at_rest
     harness.arm.hold()
-    assert harness.arm.still
+    assert harness.arm.at_rest
     assert harness.arm.moving
     harness.run(0.5)
     assert harness.arm.position.tolist() == HOME.tolist()
@@ -172,7 +172,7 @@ def test_hold_before_the_first_motion_prevents_the_start(seconds, begins):
 def test_arm_held_without_points_accepts_them_after_resume():
     harness = StreamingHarness()
     harness.arm.hold()
-    assert harness.arm.still
+    assert harness.arm.at_rest
     assert not harness.arm.moving
     assert not harness.arm.has_room
     harness.run(0.5)
@@ -194,7 +194,7 @@ def test_stop_ends_a_hold(brakes):
     harness.run(brakes)
     assert harness.arm.stop()
     harness.run(0.5)
-    assert harness.arm.still
+    assert harness.arm.at_rest
     assert not harness.arm.moving
     assert harness.arm.has_room
     assert np.max(np.abs(harness.arm.position - FAST[-1])) > 0.1
@@ -270,9 +270,9 @@ def test_hold_during_a_commanded_rest():
     while np.any(harness.arm.position != points[14]):
         harness.run(DT)
     harness.run(0.1)
-    assert not harness.arm.still
+    assert not harness.arm.at_rest
     harness.arm.hold()
-    assert harness.arm.still
+    assert harness.arm.at_rest
     harness.run(2.0)
     assert harness.arm.position.tolist() == points[14].tolist()
     harness.arm.resume()
@@ -315,7 +315,7 @@ def test_inv2_holds_at_random_times_exceed_no_limit(holds, delay, period, look_a
         harness.arm.hold()
         harness.run(length * DT)
         if length == 600:
-            assert harness.arm.still
+            assert harness.arm.at_rest
             assert not harness.arm.velocity.any()
         harness.arm.resume()
     harness.rest()

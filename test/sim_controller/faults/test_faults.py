@@ -92,31 +92,31 @@ def test_servo_error_is_delayed_or_cleared(harness):
 
 
 def test_estop_at_point_counts_points_from_its_start(harness):
-    harness.faults.point_begun()
+    harness.faults.point_started()
     harness.start('estop_at_point 3 after=1')
-    harness.faults.point_begun()
+    harness.faults.point_started()
     harness.wait(1.0)
     for _ in range(2):
-        harness.faults.point_begun()
+        harness.faults.point_started()
         harness.wait(1.0)
     assert harness.faults.active() == ['estop_at_point point=3 after=1 (1 points left)']
     assert calls(harness) == []
-    harness.faults.point_begun()
+    harness.faults.point_started()
     assert calls(harness) == []  # the core is still passing the point to the arm
     harness.wait(0.0)
     assert calls(harness) == [('press_estop',)]
     assert harness.faults.active() == []
     for _ in range(10):
-        harness.faults.point_begun()
+        harness.faults.point_started()
         harness.wait(1.0)
     assert calls(harness) == []
 
 
 def test_estop_at_point_can_be_cleared(harness):
     harness.start('estop_at_point 2')
-    harness.faults.point_begun()
+    harness.faults.point_started()
     harness.clear('estop_at_point')
-    harness.faults.point_begun()
+    harness.faults.point_started()
     harness.wait(1.0)
     assert calls(harness) == []
 

@@ -16,7 +16,7 @@ from epson_driver.sim_controller.faults.disturbances import (
     is_reply,
 )
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS, parse
-from epson_driver.sim_controller.faults.faulty_transport import MAX_HELD_BYTES
+from epson_driver.sim_controller.faults.faulty_transport import MAX_DELAYED_BYTES
 from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
 
 LINK_FAULTS = [name for name, kind in FAULTS.items() if kind.ports]
@@ -36,7 +36,7 @@ def assert_normal(harness, client):
     client.send(*sent)
     assert client.taken() == sent
     assert client.transport.receive(ask(3)) == ask(3)
-    assert client.transport.held == 0
+    assert client.transport.delayed_bytes == 0
     assert client.hung_up == 0
 
 
@@ -135,7 +135,7 @@ def test_clearing_delay_sends_the_held_messages(harness):
     harness.start('delay 5')
     messages = harness.stream(client, 10)
     assert client.taken() == []
-    assert client.transport.held == sum(map(len, messages))
+    assert client.transport.delayed_bytes == sum(map(len, messages))
     harness.clear('delay')
     assert client.taken() == messages
     assert_normal(harness, client)
@@ -367,7 +367,7 @@ def test_order_is_kept_without_duplicates(harness, text):
         harness.wait(0.004)
         if number == 200:
             harness.clear()
-            assert client.transport.held == 0
+            assert client.transport.delayed_bytes == 0
             harness.start(text.split()[0])
     harness.wait(5.0)
     times = [time for time, _ in client.segments]
@@ -382,10 +382,10 @@ def test_held_bytes_are_limited(harness, text):
     most = 0
     for number in range(10_000):
         client.send(answer(number))
-        most = max(most, client.transport.held)
-    assert MAX_HELD_BYTES - 100 < most <= MAX_HELD_BYTES
+        most = max(most, client.transport.delayed_bytes)
+    assert MAX_DELAYED_BYTES - 100 < most <= MAX_DELAYED_BYTES
     assert client.hung_up == 1
-    assert client.transport.held == 0
+    assert client.transport.delayed_bytes == 0
     harness.wait(100.0)
     assert client.taken() == []
 
@@ -469,7 +469,7 @@ def test_closed_transport_sends_nothing(harness):
     assert client.taken() == []
     assert client.hung_up == 0
     assert client.transport.receive(b'x') == b''
-    assert client.transport.held == 0
+    assert client.transport.delayed_bytes == 0
 
 
 def test_new_transport_is_disturbed_by_an_active_fault(harness):

@@ -148,7 +148,7 @@ class Harness:
             return Rejection(ErrorNumber.MOTORS_OFF, 'motors off')
         return None
 
-    def trajectory_begins(self):
+    def trajectory_starts(self):
         self.begun += 1
 
     def send_reply(self, packet):

@@ -254,5 +254,5 @@ def test_new_client_is_not_replaced_during_its_grace_period(harness, idle):
 def test_other_ports_keep_their_clients(harness):
     state = harness.controller.connect('state', Peer())
     with pytest.raises(TypeError, match='state port is never evicted'):
-        _ = state.claim
+        _ = state.eviction_priority
     harness.controller.clients.dismiss_remote('no client: no error')
