@@ -114,7 +114,7 @@ def executed_spans(
     if what is None:
         return None
     if isinstance(what, ActivePlan):
-        return _plan_spans(what, begin - what.begin, end - what.begin)
+        return _plan_spans(what, begin - what.start, end - what.start)
     return _joint_spans(what, end - begin)
 
 

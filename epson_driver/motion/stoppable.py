@@ -86,7 +86,7 @@ class Executed:
         if isinstance(executed, JointMotion):
             return executed.at(time - start)
         if executed is not None:
-            u, v, a = executed.timing.at(time - executed.begin)
+            u, v, a = executed.timing.at(time - executed.start)
             position, first, second = executed.path.at(u)
             return position, first * v, first * a + second * (v * v)
         zeros = np.zeros_like(self._rests[index])
@@ -114,7 +114,7 @@ def _breakpoints(executed: ActivePlan | JointMotion | None, start: float) -> Arr
         middle = (low + high) / 2.0
         before = timing.sample(middle)[0] < knots
         low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return executed.begin + np.concatenate([timing.times, high])
+    return executed.start + np.concatenate([timing.times, high])
 
 
 TOLERANCE = 1e-9

@@ -29,7 +29,7 @@ def commanded(
     smoother.finish()
     request = smoother.request()
     assert request is not None
-    path = through(request.kept, request.points, ARM, clamped=False)
+    path = through(request.knots, request.points, ARM, clamped=False)
     problem = problem_of(request, path, ARM, factor, Effort())
     assert problem.commanded is not None
     spent = []

@@ -73,12 +73,12 @@ def test_plan_branches_off_the_current_one_if_no_new_one_is_found() -> None:
     ]
     assert branched
     for request, plan in branched:
-        assert request.former is not None
-        assert request.older is not None
+        assert request.current_timing is not None
+        assert request.current_knots is not None
         start = plan.timing.at(0.0)
         assert start == pytest.approx(request.state)
         assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
-        assert len(plan.knots.u) > len(request.older.u), 'longer than the current plan'
+        assert len(plan.knots.u) > len(request.current_knots.u), 'longer than the current plan'
 
 
 @pytest.mark.parametrize('name', ['single_joint', 'close_pairs', 'mixed_sizes'])
@@ -137,10 +137,10 @@ def test_horizon_after_a_long_slow_segment_is_as_long_as_elsewhere() -> None:
     positions[1:, 0] = 0.9 + 0.02 * np.arange(29)
     durations = np.append(2.0, np.full(28, 0.04))
     _, answers = move(ARM, positions, durations, known)
-    moving = [request for request, _ in answers if len(request.kept.u) > 1]
+    moving = [request for request, _ in answers if len(request.knots.u) > 1]
     assert len(moving) > 3
     for request in moving:
-        now = float(np.interp(request.state[0], request.kept.u, request.clock[:2]))
+        now = float(np.interp(request.state[0], request.knots.u, request.clock[:2]))
         assert request.clock[-1] - now > 0.8 * min(known, float(durations.sum()) - now)
 
 
@@ -196,7 +196,7 @@ def test_resumed_arm_follows_its_path_if_the_search_fails(
     smoother.resume()
     request = smoother.request()
     assert request is not None
-    assert len(request.kept.u) == 2, 'at rest between two knots'
+    assert len(request.knots.u) == 2, 'at rest between two knots'
     monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
     result = planner.plan(request, ARM)
     assert result is not None

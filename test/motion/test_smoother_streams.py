@@ -8,7 +8,7 @@ from support.examples import one_in
 from support.smoother_harness import ARM
 
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.replanning import MIN_PERIOD_S, START_PATIENCE_S
+from epson_driver.motion.smoother.replanning import MIN_PERIOD_S, START_DELAY_S
 
 CYCLE_S = 0.004
 SPEED_RAD_S = 0.25
@@ -45,7 +45,7 @@ def test_arm_starts_soon_at_any_rate(period: float, timed: bool) -> None:
     started, lag, idle = followed(SPEED_RAD_S * period, period, period if timed else None)
     assert started is not None
     # with durations, until the known points last for the planning of the next plan
-    wait = max(START_PATIENCE_S, LATENCY_S + MIN_PERIOD_S if timed else 0.0)
+    wait = max(START_DELAY_S, LATENCY_S + MIN_PERIOD_S if timed else 0.0)
     assert started <= wait + LATENCY_S + 2.0 * CYCLE_S
     assert idle == 0
     assert lag < 0.15
@@ -74,12 +74,12 @@ def test_point_merged_during_braking_is_reached() -> None:
     assert smoother.motion.position == pytest.approx(np.full(6, 0.1 + 1e-5), abs=1e-9)
 
 
-def test_points_within_the_start_patience_are_planned_together() -> None:
+def test_points_within_the_start_delay_are_planned_together() -> None:
     smoother = Smoother(ARM, np.zeros(6))
     smoother.append(np.full(6, 0.01))
     smoother.step(0.02)
     smoother.append(np.full(6, 0.02))
-    assert smoother.at_rest, 'the patience is not over'
+    assert smoother.at_rest, 'the start delay is not over'
     smoother.step(0.02)
     smoother.step(CYCLE_S)
     assert not smoother.at_rest

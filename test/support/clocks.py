@@ -134,7 +134,7 @@ def clock_errors(smoother: Recorded) -> tuple[float, float]:
         times = np.linspace(0.0, timing.duration, count)
         us = np.maximum.accumulate(timing.sample(times)[0])
         for point, time in zip(
-            what.route, what.begin + np.interp(what.path.knots.u, us, times), strict=True
+            what.route, what.start + np.interp(what.path.knots.u, us, times), strict=True
         ):
             if start <= time <= end and point.index > 0:
                 passed.setdefault(point.index, float(time) - motion_start - point.clock)

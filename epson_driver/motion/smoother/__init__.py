@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The streaming smoother: moves through all points without a stop, within every limit."""
+"""The streaming smoother, which moves through all points without a stop, within every limit."""
 
 from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.planner import plan

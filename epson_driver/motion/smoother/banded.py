@@ -8,13 +8,14 @@ from epson_driver.motion.limits import Array
 
 
 def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> Array:
-    """Return x of below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i], shape (k, n).
+    """Return x of below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i].
 
-    All have shape (k, n): n systems. below[0] and above[-1] are 0. The method is parallel cyclic
-    reduction: each round eliminates the neighbours of every row, so that the distance between
-    coupled rows doubles. It takes log2(k) rounds on whole arrays, and memory for a few arrays
-    (Hockney, Jesshope: Parallel Computers, 1981). No pivoting: the matrix must be diagonally
-    dominant.
+    All arrays have shape (k, n), for n systems of k equations. below[0] and above[-1] must be 0,
+    and the matrices diagonally dominant, because there is no pivoting.
+
+    The method is parallel cyclic reduction (Hockney, Jesshope: Parallel Computers, 1981). Each
+    round eliminates the neighbours of every row, so that the distance between coupled rows
+    doubles. There are log2(k) rounds on whole arrays.
     """
     lower, upper = below / main, above / main
     x: Array = right / main
@@ -35,16 +36,16 @@ def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> 
 
 
 def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) -> Array | None:
-    """Return x of M x = right for a symmetric, positive definite M, or None if M is not.
+    """Return x of M x = right for a symmetric matrix M, or None if it is not positive definite.
 
-    The diagonals start in the first row, with shapes (n,). The last element of `second` and the
-    last two of `third` are not used. Plain Python numbers are used, because a library's dense
-    solver is slower for this size and starts threads.
+    main, second, third: the main and the two upper diagonals, shape (n,). The last element of
+    `second` and the last two of `third` are ignored. The method uses plain Python numbers, because
+    a library's dense solver is slower for this size and starts threads.
     """
     d, e, f = main.tolist(), second.tolist(), third.tolist()
     y: list[float] = right.tolist()
     count = len(d)
-    # M = L D Lᵀ: l1, l2 are the diagonals of L below its ones
+    # M = L D Lᵀ, where l1 and l2 are the diagonals of L below the main diagonal
     d1 = d2 = 1.0
     l1 = l2 = l2_next = y1 = y2 = 0.0
     diagonal, lower1, lower2 = [0.0] * count, [0.0] * count, [0.0] * count
@@ -72,18 +73,19 @@ def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) 
     return np.array(y)
 
 
-def solve_block_tridiagonal(diagonal: Array, beyond: Array, right: Array) -> Array:
-    """Return x of a symmetric, positive definite system of b × b blocks, shape (m, b).
+def solve_block_tridiagonal(diagonal: Array, off_diagonal: Array, right: Array) -> Array:
+    """Return the solution of a symmetric, positive definite system of b × b blocks, shape (m, b).
 
-    diagonal: shape (m, b, b). beyond: the blocks right of them, shape (m - 1, b, b). right:
-    shape (m, b). Raises LinAlgError if a remaining block is singular.
+    diagonal: blocks on the diagonal, shape (m, b, b). off_diagonal: blocks to the right of them,
+    shape (m - 1, b, b). right: shape (m, b). Raises LinAlgError if a block is singular during the
+    elimination.
     """
     size, count = right.shape[1], len(right)
     known: list[Array] = []
     block, force = diagonal[0], right[0]
     for i in range(count - 1):
-        known.append(np.linalg.solve(block, np.column_stack([beyond[i], force])))
-        less = beyond[i].T @ known[i]
+        known.append(np.linalg.solve(block, np.column_stack([off_diagonal[i], force])))
+        less = off_diagonal[i].T @ known[i]
         block, force = diagonal[i + 1] - less[:, :size], right[i + 1] - less[:, size]
     x = np.empty_like(right)
     x[-1] = np.linalg.solve(block, force)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The speeds that follow a request's clock, and how lost time is made up."""
+"""The speeds along a path that reach its points at their commanded times, and make up delays."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from epson_driver.motion.smoother.request import OUTSET_US, Effort, Problem, Req
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 
 UNBOUND_SPEED = 1e6
-"""Speed without a commanded time: more than any joint limit allows."""
+"""Value of u̇ where no time is commanded. It is higher than any joint limit allows."""
 
 SMOOTHED_S = 0.03
 """Maximum deviation from a knot's time caused by smoothing the commanded speeds, s."""
 
-LEAST_SHARE = 0.9
-"""Minimum smoothed speed as a share of the lowest commanded speed."""
+MIN_SMOOTHED_SHARE = 0.9
+"""Minimum smoothed speed as a fraction of the lowest commanded speed."""
 
 IN_TIME_S = 0.01
 """Delay that is not corrected, s, because the correction would make the motion uneven."""
@@ -25,32 +25,32 @@ CATCH_UP_RATIO = 1.25
 """Usual ratio to the commanded speed for making up lost time."""
 
 MAX_CATCH_UP_RATIO = 6.0
-"""Maximum of this ratio if the motion would otherwise be late at the end of the trajectory."""
+"""Maximum of this ratio, for a motion that would otherwise end late."""
 
 CATCH_UP_BISECTIONS = 4
-"""Number of bisection steps that find this higher ratio."""
+"""Number of bisection steps that find a ratio above the usual one."""
 
 LATE_END_SHARE = 0.02
-"""Tolerated delay at the end, as a share of the remaining time."""
+"""Tolerated delay at the end, as a fraction of the remaining time."""
 
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
-"""Delay of a plan relative to the speed profile, which ignores jerk, as a share of A/J: after a
-start from rest (for a time shorter than A/J, as a share of that time), and additionally at its
-end."""
+"""Estimated delay of a plan relative to the speed profile, which ignores jerk, as a fraction of
+A/J: after a start from rest, and additionally at the end."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
-"""Delay from which the full ratio is used, s, and the maximum multiple of the ratio's excess for
-longer delays, in proportion. A long delay comes from a standstill or very slow motion."""
+"""The delay for which CATCH_UP_RATIO is used, s, and the maximum multiple of its excess over 1 for
+a longer delay. The excess is proportional to the delay. A long delay is the result of a rest or a
+very slow motion."""
 
 HORIZON_SHARE = 0.8
-"""The path is cut at the point that the speed profile, which is faster than any plan, reaches
-after this share of the horizon."""
+"""Fraction of the planning horizon after which the path is cut, by the times of the speed profile.
+A plan is slower than the profile."""
 
 
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path up to the planning horizon, and the problem on it."""
+    """Return the path up to the planning horizon, and the problem and speed bounds on it."""
     effort.spend(OUTSET_US)
     problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
@@ -58,7 +58,7 @@ def within_horizon(
     cut = False
     if profile.times[-1] > request.horizon:
         reach = np.interp(HORIZON_SHARE * request.horizon, profile.times, profile.positions)
-        count = max(int(path.knots.u.searchsorted(reach)) + 1, len(request.kept.u), 2)
+        count = max(int(path.knots.u.searchsorted(reach)) + 1, len(request.knots.u), 2)
         cut = count < len(path.knots.u)
         path = Path(path.knots[:count])
     if request.timed.any():
@@ -77,23 +77,20 @@ def within_horizon(
 
 
 def _ratio(request: Request) -> float:
-    """Return the usual ratio to the commanded speed for making up lost time.
-
-    `_higher_ratio` returns a higher one for a motion that would end late.
-    """
+    """Return the usual ratio to the commanded speed for making up lost time."""
     return min(CATCH_UP_RATIO, request.catch_up)
 
 
 def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
-    """Return whether a plan about as fast as a profile is late at the end of the path."""
+    """Return whether a plan that is about as fast as a profile reaches the end late."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
-    left = float(end - now)
-    taken = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
-    return request.lag + taken - left > LATE_END_SHARE * left
+    time_left = float(end - now)
+    duration = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
+    return request.lag + duration - time_left > LATE_END_SHARE * time_left
 
 
 def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
-    """Return the factor on the commanded speed that is needed to be in time at the end."""
+    """Return the ratio to the commanded speed that is needed to reach the end in time."""
     low, high = _ratio(request), min(MAX_CATCH_UP_RATIO, request.catch_up)
     for _ in range(CATCH_UP_BISECTIONS):
         effort.spend(OUTSET_US / 2.0)
@@ -107,11 +104,11 @@ def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Eff
 
 
 def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:
-    """Return the factor on the commanded speed at each knot that makes up for lost time."""
+    """Return the factor on the commanded speed at each knot that makes up lost time."""
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    # faster where even the profile, which is faster everywhere, is late
+    # faster where even the profile is late
     ahead = knots > request.state[0]
     arrival = _arrivals(request, profile, knots[ahead], limits)
     late = np.zeros(len(knots))
@@ -119,19 +116,20 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     late[~ahead] = np.maximum(max(request.lag - IN_TIME_S, 0.0), late[ahead][:1])
     lag = request.lag + IN_TIME_S
     if lag < 0.0:
-        # too early: slower until the lead is gone
+        # too early: slower until the motion is in time
         early = clock - now <= -lag / (CATCH_UP_RATIO - 1.0)
         late[early & (late == 0.0)] = lag
     spare = float(request.clock[-1]) - now
-    # if less is known than a stop takes, a stop would lose the time again
+    # if the known motion is shorter than a stop, the stop would lose the time again
     fraction = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
     fraction = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * fraction)
     factor = 1.0 + fraction * (CATCH_UP_RATIO - 1.0)
     # no more than needed within the adjacent halves of the intervals at a knot
-    ways = np.diff(clock)
-    beside = (np.append(ways[:1], ways) + np.append(ways, ways[-1:])) / 2.0
-    left = beside - late
-    exact = np.divide(beside, left, out=np.full_like(left, np.inf), where=left > 0.0)
+    intervals = np.diff(clock)
+    nearby = (np.append(intervals[:1], intervals) + np.append(intervals, intervals[-1:])) / 2.0
+    shortened = nearby - late
+    exact = np.full_like(shortened, np.inf)
+    np.divide(nearby, shortened, out=exact, where=shortened > 0.0)
     factor = np.where(late > 0.0, np.minimum(factor, exact), np.maximum(factor, exact))
     bounded: Array = np.minimum(factor, request.catch_up)
     return bounded
@@ -140,7 +138,10 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return a plan's approximate times at places, s, shape (k,). The last place is its end."""
+    """Return the approximate times at which a plan reaches some u, s, shape (k,).
+
+    The last u is the end of the plan.
+    """
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
     if request.state[1] == 0.0:
@@ -150,7 +151,7 @@ def _arrivals(
 
 
 def stopping_time(limits: JointLimits) -> float:
-    """Return the approximate time of a stop from full speed, s: V/A + A/J of the slowest joint."""
+    """Return the approximate duration of a stop from full speed, s."""
     slowing = np.max(limits.velocity / limits.acceleration)
     return float(slowing + np.max(limits.acceleration / limits.jerk))
 
@@ -158,14 +159,17 @@ def stopping_time(limits: JointLimits) -> float:
 def problem_of(
     request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
-    """Return the problem on a path at `factor` times the commanded speed (per knot or overall)."""
+    """Return the problem on a path at `factor` times the commanded speed.
+
+    factor: one number, or one per knot, shape (k,).
+    """
     return Problem(path, request.state, limits, _commanded(request, path, factor), effort)
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:
-    """Return places u and the commanded u̇² there (linear between them), or None.
+    """Return some u and the commanded u̇² there, or None if no time is commanded.
 
-    factor: multiplies the speeds, per knot with shape (k,), or everywhere.
+    u̇² is linear between two u. factor: multiplies the speeds, per knot, shape (k,), or everywhere.
     """
     u = path.knots.u
     clock = request.clock[: len(u)]
@@ -175,8 +179,8 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
     bounds = np.flatnonzero(np.diff(timed, prepend=False, append=False))
     runs = [(u[:1], np.array([UNBOUND_SPEED]))] if not timed[0] else []
     for start, end in bounds.reshape(-1, 2).tolist():
-        ways = slice(start, end + 1)
-        runs.append(_smooth_speeds(u[ways], clock[ways]))
+        run = slice(start, end + 1)
+        runs.append(_smooth_speeds(u[run], clock[run]))
         if end < len(timed):
             runs.append((u[end : end + 2].mean(keepdims=True), np.array([UNBOUND_SPEED])))
     if not timed[-1]:
@@ -186,19 +190,19 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
 
 
 def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
-    """Return places and the speeds there that pass knots approximately at their times, (k,).
+    """Return some u and speeds there with which knots are passed approximately at their times.
 
-    They are the mean speeds between the knots, joined by a constant acceleration around each knot.
-    The acceleration lasts for the whole shorter interval if the knot is then passed within
-    SMOOTHED_S of its time. Where the intervals are shorter than this, speeds are averaged over
-    SMOOTHED_S to both sides.
+    The speeds are the mean speeds between the knots, joined by a constant acceleration around each
+    knot. The acceleration lasts as long as the shorter adjacent interval, or less so that the knot
+    is passed within SMOOTHED_S of its time, but at least SMOOTHED_S to both sides.
     """
-    ways = np.diff(clock)
-    mean = np.diff(u) / ways
+    intervals = np.diff(clock)
+    mean = np.diff(u) / intervals
     root = np.sqrt(mean[1:] / mean[:-1])
     with np.errstate(divide='ignore'):
         longest = SMOOTHED_S * (root + 1.0) / np.abs(root - 1.0)
-    half = np.maximum(np.minimum(np.minimum(ways[:-1], ways[1:]) / 2.0, longest), SMOOTHED_S)
+    shorter = np.minimum(intervals[:-1], intervals[1:])
+    half = np.maximum(np.minimum(shorter / 2.0, longest), SMOOTHED_S)
     inner = clock[1:-1]
     half = np.minimum(half, np.minimum(inner - clock[0], clock[-1] - inner))
     times = np.concatenate([clock[:1], inner - half, inner + half, clock[-1:]])
@@ -207,6 +211,6 @@ def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
     order = np.argsort(times, kind='stable')
     steps = np.diff(times[order])
     speeds = mean[0] + np.append(0.0, np.cumsum(np.cumsum(slopes[order])[:-1] * steps))
-    speeds = np.maximum(speeds, LEAST_SHARE * mean.min())  # below it by rounding
+    speeds = np.maximum(speeds, MIN_SMOOTHED_SHARE * mean.min())  # below it by rounding
     places = u[0] + np.append(0.0, np.cumsum((speeds[:-1] + speeds[1:]) / 2.0 * steps))
     return np.minimum(places, u[-1]), speeds

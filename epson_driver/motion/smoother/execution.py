@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The executed motion (along a plan, off the path, or at rest) and the changes to the next one."""
+"""The motion that the smoother executes: along a plan, off the path, or at rest."""
 
 import dataclasses
 import math
@@ -16,19 +16,19 @@ from epson_driver.motion.smoother.request import ActivePlan, Problem
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 
-JUST_BEGUN_S = 1e-6
-"""Time after a start from rest during which the arm counts as still at rest, s."""
+JUST_STARTED_S = 1e-6
+"""Time after a start from rest during which the arm still counts as at rest, s."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
-"""Called with the time, s, and the motion that is executed from then on (None: rest)."""
+"""Called with the time, s, and the motion that is executed from this time. None is rest."""
 
 
 class Execution:
-    """The motion of the arm over time. It reports the arrival at waypoints to `waypoints`.
+    """The motion of the arm over time.
 
-    At most one of `plan` and `joint_motion` is set. Without either the arm rests. `next` is a plan
-    that starts later. `now`, in s, is advanced by the caller. `observer` is called with every new
-    executed motion.
+    At most one of `plan` and `joint_motion` is set. Without either, the arm is at rest. `next` is
+    a plan that starts later. The caller advances `now`, s. `waypoints` is notified of the
+    arrival at waypoints, and `observer` is called with every new motion.
     """
 
     def __init__(self, waypoints: Waypoints, observer: Observer | None = None) -> None:
@@ -38,32 +38,32 @@ class Execution:
         self.now = 0.0
         self.plan: ActivePlan | None = None
         self.joint_motion: JointMotion | None = None
-        self._joint_motion_begin = 0.0
+        self._joint_motion_start = 0.0
         self.next: ActivePlan | None = None
         self.stopping = False
-        """Whether the arm comes to rest without points, after a stop or a braking."""
+        """Whether the arm brakes to rest because its points were discarded."""
         self.paused = False
-        """At rest on the path, with a plan that ends there."""
+        """Whether the arm is at rest on the path, at the end of a plan for a pause."""
         self.held = False
-        """Whether the arm must rest on the path until the hold is released."""
+        """Whether the arm must rest on the path until `Smoother.resume`."""
         self.clock_start: float | None = None
-        """Time at which the clock of the points would have been 0 if the motion is on time, s."""
+        """Start of the commanded times of the points, s, or None if there are none."""
 
     @property
     def motion(self) -> Motion:
-        """The present commanded position, velocity and acceleration."""
+        """Current commanded position, velocity and acceleration."""
         if self.joint_motion is not None:
-            return Motion(*self.joint_motion.at(self.now - self._joint_motion_begin))
+            return Motion(*self.joint_motion.at(self.now - self._joint_motion_start))
         if self.plan is None:
             zeros = np.zeros_like(self._position)
             return Motion(self._position.copy(), zeros, zeros.copy())
-        u, v, a = self.plan.timing.at(self.now - self.plan.begin)
+        u, v, a = self.plan.timing.at(self.now - self.plan.start)
         q, first, second = self.plan.path.at(u)
         return Motion(q, first * v, first * a + second * (v * v))
 
     @property
     def in_motion(self) -> bool:
-        """Whether it moves, or rests on the path instead of at the waypoints' origin."""
+        """Whether the arm moves, or is at rest on the path instead of at the waypoints' origin."""
         return self.plan is not None or self.joint_motion is not None
 
     @property
@@ -72,27 +72,27 @@ class Execution:
         return self.paused or not self.in_motion
 
     @property
-    def beside_last(self) -> bool:
-        """Whether the arm rests near the last point, within the merge tolerance, and not at it."""
-        return not self.in_motion and self._waypoints.beside_last(self._position)
+    def near_last(self) -> bool:
+        """Whether the arm is at rest near the last point, within the merge tolerance."""
+        return not self.in_motion and self._waypoints.near_last(self._position)
 
-    # Time.
+    # --- time -------------------------------------------------------------------------------
 
     def next_change(self) -> float:
         """Return the time of the next automatic change of the executed motion, s."""
-        due = math.inf if self.next is None else self.next.begin
+        due = math.inf if self.next is None else self.next.start
         if self.joint_motion is not None:
-            return min(due, self._joint_motion_begin + self.joint_motion.duration)
+            return min(due, self._joint_motion_start + self.joint_motion.duration)
         if self.plan is not None and not self.paused:
             return min(due, self.plan.end)
         return due
 
     def change(self, due: float) -> None:
-        """Advance time to the next change, and make it."""
+        """Advance time to the next automatic change, at `due` s, and make the change."""
         self.now = max(self.now, due)
         plan = self.plan
-        if self.next is not None and self.next.begin <= self.now:
-            self._begin_next(self.next)
+        if self.next is not None and self.next.start <= self.now:
+            self._start_next(self.next)
         elif self.joint_motion is not None:
             self._arrive(self.joint_motion.end)
         elif plan is not None and plan.timing.end < plan.path.end:
@@ -107,26 +107,26 @@ class Execution:
             self._arrive(plan.path.knots.position[-1], None if self.stopping else plan.route[-1])
 
     def pass_time(self, until: float) -> None:
-        """Advance time without a change, and remove the points that the arm has passed."""
+        """Advance time to `until`, s, without a change, and remove points that were passed."""
         self.now = until
         plan = self.plan
         if plan is None:
             return
-        u, _, _ = plan.timing.at(self.now - plan.begin)
+        u, _, _ = plan.timing.at(self.now - plan.start)
         passed = plan.route[-1]
         if u < plan.path.end:
             passed = plan.route[plan.path.segment(u)]
         self._waypoints.passed(passed)
 
-    def _begin_next(self, plan: ActivePlan) -> None:
+    def _start_next(self, plan: ActivePlan) -> None:
         if self.plan is None or self.clock_start is None:
-            self.clock_start = plan.begin - plan.clock(plan.begin)
+            self.clock_start = plan.start - plan.clock(plan.start)
         self.next = None
         self._execute(plan)
         self.paused = False
 
     def _arrive(self, position: Array, point: Waypoint | None = None) -> None:
-        """Come to rest at a position, which is a path point or the expected end."""
+        """Start a rest at a position. point: the waypoint there, or None for the origin."""
         self._position = position
         self._waypoints.arrived(self.now, point)
         self._execute(None)
@@ -134,11 +134,11 @@ class Execution:
         self.clock_start = None
 
     def rest_between(self, plan: ActivePlan, u: float) -> None:
-        """Rest between two points of a path, so that another path can lead to the next point."""
+        """Start a rest at `u` between two points, from which another path can start."""
         position = plan.path.at(u)[0]
         segment = plan.path.segment(u)
-        left = plan.path.knots.position[segment + 1] - position
-        if np.max(np.abs(left)) <= MIN_MOVE:
+        remaining = plan.path.knots.position[segment + 1] - position
+        if np.max(np.abs(remaining)) <= MIN_MOVE:
             segment += 1  # the remainder is only rounding
         if segment == len(plan.route) - 1:
             self._arrive(position, plan.route[segment])
@@ -146,59 +146,65 @@ class Execution:
         index = plan.route[segment].index
         self._arrive(position, Waypoint(index, position, position, plan.clock(self.now)))
 
-    def _execute(self, what: ActivePlan | JointMotion | None) -> None:
-        self.plan = what if isinstance(what, ActivePlan) else None
-        self.joint_motion = what if isinstance(what, JointMotion) else None
+    def _execute(self, motion: ActivePlan | JointMotion | None) -> None:
+        self.plan = motion if isinstance(motion, ActivePlan) else None
+        self.joint_motion = motion if isinstance(motion, JointMotion) else None
         if self._observer is not None:
-            self._observer(self.now, what)
+            self._observer(self.now, motion)
 
-    # Commands.
+    # --- commands ---------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Come to rest, on the path if that can be verified. The points are already discarded."""
+        """Come to rest, on the path if that can be verified.
+
+        The points must already be discarded.
+        """
         state = self.motion
         if self.at_rest:
-            self._waypoints.go_on_from(state.position)
+            self._waypoints.continue_from(state.position)
             self._arrive(state.position)
         elif not self.stopping:
             timing = None if self.plan is None else self._stop_on(self.plan)
             if self.plan is not None and timing is not None:
-                self._execute(dataclasses.replace(self.plan, timing=timing, begin=self.now))
-                self._waypoints.go_on_from(self.plan.path.at(timing.end)[0])
+                self._execute(dataclasses.replace(self.plan, timing=timing, start=self.now))
+                self._waypoints.continue_from(self.plan.path.at(timing.end)[0])
                 self.stopping = True
             else:
                 self.brake(state)
 
     def brake(self, state: Motion, elapsed: float = 0.0) -> None:
-        """Brake in joint space, as hard as the limits allow, from a state `elapsed` s ago."""
+        """Brake in joint space, as hard as the limits allow. state: the state `elapsed` s ago."""
         self.move_off_the_path(fastest_stop(self._waypoints.limits, state), elapsed)
         self.stopping = True
 
     def move_off_the_path(self, motion: JointMotion, elapsed: float = 0.0) -> None:
-        """Start a motion, `elapsed` s ago, with the next points following from its end."""
+        """Execute a motion that started `elapsed` s ago. The next points follow from its end."""
         self._execute(motion)
-        self._joint_motion_begin = self.now - elapsed
+        self._joint_motion_start = self.now - elapsed
         self.paused = self.stopping = False
-        self._waypoints.go_on_from(motion.end)
+        self._waypoints.continue_from(motion.end)
 
     def pause(self) -> None:
-        """Stay at rest, brake immediately if that can be verified, or continue as planned."""
+        """Stay at rest, or brake on the path.
+
+        If an immediate stop cannot be verified, the plan continues until the next plan.
+        """
         plan = self.plan
         if plan is None or plan.pause or self.stopping:
             return
-        if self._just_begun(plan):
+        if self._just_started(plan):
             self.rest_between(plan, float(plan.timing.positions[0]))
             return
         timing = self._stop_on(plan)
         if timing is not None:
-            self._execute(dataclasses.replace(plan, timing=timing, begin=self.now, pause=True))
+            self._execute(dataclasses.replace(plan, timing=timing, start=self.now, pause=True))
 
-    def _just_begun(self, plan: ActivePlan) -> bool:
+    def _just_started(self, plan: ActivePlan) -> bool:
         """Return whether a plan has just started from rest."""
         from_rest = plan.timing.velocities[0] == 0.0 == plan.timing.accelerations[0]
-        return bool(from_rest) and self.now - plan.begin < JUST_BEGUN_S
+        return bool(from_rest) and self.now - plan.start < JUST_STARTED_S
 
     def _stop_on(self, plan: ActivePlan) -> TimeParametrisation | None:
-        """Return the fastest verified stop on the path from now, or None."""
-        state = plan.timing.at(self.now - plan.begin)
+        """Return the fastest verified stop on the path from now, or None if none was found."""
+        state = plan.timing.at(self.now - plan.start)
         return ruckig_move.stop(Problem(plan.path, state, self._waypoints.limits))

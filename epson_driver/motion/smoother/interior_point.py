@@ -2,13 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """An interior-point method for the fastest timing along a path.
 
-It minimises the sum over m samples of w (1/√x + (x/c²)^p / (2 p c)): the time, and a cost of
-exceeding the wanted speed c (its minimum is at x = c²). The constraints are
-    rows · (x, x′, x″) ≤ 1, or ≤ 1/√x for some rows.
-1/√x is convex and above its tangent, so each step is towards an allowed point.
-(x, x′, x″) at a sample depend on three neighbouring coefficients, so a Newton step solves a system
-with five diagonals. Primal and dual variables have separate step lengths (Nocedal & Wright,
-Numerical Optimization, chapter 19).
+x(u) = u̇² is the square of the speed. The method minimises the sum over m samples of
+
+    w (1/√x + (x/c²)^p / (2 p c))
+
+which is the time plus a cost of exceeding the target speed c, with the minimum at x = c². The
+constraints are
+
+    rows · (x, x′, x″) ≤ 1, or ≤ 1/√x for some rows
+
+1/√x is convex and therefore above its tangent, so each step is towards an allowed point. At a
+sample, x and its derivatives depend on three neighbouring coefficients of a spline, so a Newton
+step solves a system with five diagonals. Primal and dual variables have separate step lengths
+(Nocedal & Wright, Numerical Optimization, chapter 19).
 """
 
 from collections.abc import Callable
@@ -23,10 +29,11 @@ from epson_driver.motion.smoother.request import NEWTON_STEP_US, ROW_US, Effort
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3
-"""Convergence tolerance of the rows and, by default, of the relative time still to be gained."""
+"""Tolerance for convergence: the excess of a row, and by default the time that could still be
+saved, relative to the time."""
 
 ACCEPTED_ROW_EXCESS = 2e-2
-"""Tolerance of the rows after the last iteration."""
+"""Accepted excess of a row after the last iteration."""
 
 SPEED_COST_EXPONENT = 8
 """Exponent p of the cost of a high speed (see above)."""
@@ -35,20 +42,20 @@ MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
 """The search ends after more than MAX_SHORT_STEPS steps shorter than MIN_STEP_SHARE."""
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
-"""After MIN_ITERATIONS iterations, the rows' excess must have decreased on average by the factor
-SLOWEST_RATE per iteration."""
+"""The search ends if, after MIN_ITERATIONS iterations, the initial excess of the rows has not
+decreased on average by the factor SLOWEST_RATE per iteration."""
 
 _UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """The cost and constraints for n coefficients. The first two and the last two are fixed.
+    """Cost and constraints of n coefficients, of which the first and last two are fixed.
 
-    basis: (x, x′, x″) from three coefficients, shape (m, 3, 3). first: index of the first of the
-    three, shape (m,). rows: shape (m, r, 3), with 1/√x at the right side of those from `rooted`.
-    back: distance in u before a sample at which x is used for the cost. weights, wanted: w and c
-    there. All three have shape (m,).
+    basis: matrix from three coefficients to (x, x′, x″) at each sample, shape (m, 3, 3). first:
+    index of the first of the three, shape (m,). rows: shape (m, r, 3). rooted: index of the first
+    row whose right side is 1/√x. back: distance in u from a sample back to where x is used for the
+    cost. weights, target_speeds: w and c there. The last three have shape (m,).
     """
 
     basis: Array
@@ -57,17 +64,18 @@ class Program:
     rooted: int
     back: Array
     weights: Array
-    wanted: Array
+    target_speeds: Array
 
 
 def minimise(
     program: Program, start: Array, effort: Effort, tolerance: float = RELATIVE_TOLERANCE
 ) -> Array | None:
-    """Return the coefficients of the minimum found from `start`, shape (n,), or None.
+    """Return the coefficients of the minimum, shape (n,), or None if none was found.
 
-    tolerance: relative time still to be gained at which to stop.
+    start: initial coefficients, shape (n,). tolerance: relative time that could still be saved, at
+    which the search ends.
     """
-    # the samples are the last axis, so each row and each part of the sums over rows is one array
+    # the samples are the last axis, because sums over rows are then faster
     rows = np.ascontiguousarray(program.rows.transpose(2, 1, 0))  # (3, r, m)
     basis = np.ascontiguousarray(program.basis.transpose(1, 2, 0))  # (3, 3, m)
     three = program.first + np.arange(3)[:, None]  # (3, m)
@@ -95,7 +103,7 @@ def minimise(
         g[rooted:] -= root / np.sqrt(y[0])
 
     def longest(values: Array, changes: Array) -> float:
-        """Return the longest step ≤ 1 that leaves a hundredth of each positive value."""
+        """Return the longest step ≤ 1 after which each value is at least a hundredth of it."""
         fastest = float(np.divide(changes, values, out=spare).min())
         return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
 
@@ -106,7 +114,7 @@ def minimise(
     cost = _cost(program)
 
     def counted(y: Array) -> Array:
-        """Return x at the places used for the cost, shape (m,)."""
+        """Return x where it is used for the cost, shape (m,)."""
         result: Array = np.einsum('km,km->m', shift, y)
         return result
 
@@ -184,13 +192,13 @@ def minimise(
 
 
 def _cost(program: Program) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function for the cost's first and second derivative by x, shapes (m,)."""
-    wanted, weights, p = program.wanted, program.weights, SPEED_COST_EXPONENT
+    """Return a function that returns the cost's first and second derivative by x, shapes (m,)."""
+    target_speeds, weights, p = program.target_speeds, program.weights, SPEED_COST_EXPONENT
     of_time = 0.5 * weights
-    of_speed, of_speeding = of_time / wanted**3, (p - 1) * of_time / wanted**5
+    of_speed, of_speeding = of_time / target_speeds**3, (p - 1) * of_time / target_speeds**5
 
     def cost(x: Array) -> tuple[Array, Array]:
-        over = np.minimum(x / wanted**2, 1e3)
+        over = np.minimum(x / target_speeds**2, 1e3)
         power, time = over ** (p - 2), of_time * x**-1.5
         return of_speed * power * over - time, 1.5 * time / x + of_speeding * power
 

@@ -1,13 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Share of the limits that a plan uses: the verification that every plan must pass.
+"""Usage of the limits by a plan: the verification that every plan must pass.
 
-It is valid at every instant, not only at samples. The timing's breakpoints and the times at which
-the motion passes the path's knots cut it into spans. In each span the path is one polynomial of u
-and the timing one of the time, so the joints' positions are polynomials of degree 15, and their
-derivatives of degree 14, 13 and 12. A polynomial is within the hull of its Bernstein coefficients
-(Farouki, Rajan 1987), the first and the last of which are its values at the ends. A span whose
-hull is beyond a limit is halved until the result is certain.
+The verification is valid at every instant, not only at samples. The motion is divided into spans,
+at the timing's breakpoints and at the times at which it passes the path's knots. In each span the
+path is a polynomial of u and the timing a polynomial of the time. So the joints' positions are
+polynomials of degree 15, and their derivatives of degree 14, 13 and 12. A polynomial is within the
+range of its Bernstein coefficients, called its hull (Farouki, Rajan 1987). The first and last
+coefficients are its values at the ends. A span whose hull exceeds a limit is halved until the
+result is certain.
 """
 
 from dataclasses import dataclass
@@ -21,13 +22,13 @@ from epson_driver.motion.smoother.path import DEGREE, Path
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 BACKWARD_SPEED = 1e-9
-"""Tolerance of u̇ below 0. A lower value is a reversal."""
+"""Negative speed u̇ that counts as rounding instead of a reversal."""
 
 LIMIT_TOLERANCE_SHARE = 1e-7
-"""Relative excess of a limit that counts as rounding."""
+"""Relative excess of a velocity, acceleration or jerk limit that counts as rounding."""
 
 POSITION_TOLERANCE = 1e-12
-"""The same tolerance for positions, rad."""
+"""Excess of a position limit that counts as rounding, rad."""
 
 JUMP_TOLERANCE = 1e-9
 """Jump of u between two pieces of a timing that counts as rounding."""
@@ -36,24 +37,24 @@ KNOT_TOLERANCE = 1e-12
 """Difference in u between a path knot and a timing breakpoint that counts as rounding."""
 
 PASSAGE_TOLERANCE = 1e-15
-"""Accuracy of the passage of a knot, in u or in s."""
+"""Accuracy with which the passage of a knot is computed, in u or in s."""
 
 MAX_HALVINGS = 16
-"""Maximum halvings of a span. After them its hull is used as the result."""
+"""Maximum number of times that a span is halved. After them, its hull is the result."""
 
 TIGHT_HULL_RATIO = 1.02
-"""A span is not halved if a limit is exceeded at an end and the hull is at most this ratio above
-the value there."""
+"""Maximum ratio of the hull to the value at an end that exceeds a limit, for which the span is not
+halved."""
 
 Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitUsage:
-    """Usage of the limits by a timing on a path: the worst joint in each of m parts of it.
+    """Usage of the limits by a timing on a path, in each of m spans.
 
-    positions: u in the middle of the part, shape (m,). velocity, acceleration, jerk: upper bounds
-    of the usage in the part, as multiples of the limits, shape (m,). inside: whether every joint
+    positions: u in the middle of each span, shape (m,). velocity, acceleration, jerk: upper bounds
+    of the usage by any joint, as multiples of the limits, shape (m,). inside: whether every joint
     stays within its position limits, and the timing neither jumps nor reverses.
     """
 
@@ -78,9 +79,9 @@ def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) ->
     confined = _confined(path, limits)
     inside = _forward(timing) and _continuous(timing)
     parts: list[tuple[Array, Array]] = []
-    for left in range(MAX_HALVINGS, -1, -1):
-        used = _use(path, spans, limits, confined)
-        undecided = used.undecided & (left > 0)
+    for halvings_left in range(MAX_HALVINGS, -1, -1):
+        used = _span_usage(path, spans, limits, confined)
+        undecided = used.undecided & (halvings_left > 0)
         inside = inside and not bool(np.any(used.outside & ~undecided))
         parts.append((used.middles[~undecided], used.hull[~undecided]))
         if not undecided.any():
@@ -95,8 +96,9 @@ def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) ->
 class _Spans:
     """m intervals of time, each with one piece of the timing on one segment of the path.
 
-    segment: path segment. offset: u at the start, from the segment's first knot. speed,
-    acceleration, jerk: derivatives of u. duration: s. All have shape (m,).
+    segment: index of the path segment. offset: u at the start of the span, measured from the
+    segment's first knot. speed, acceleration, jerk: derivatives of u at the start. duration: in s.
+    All have shape (m,).
     """
 
     segment: Indices
@@ -117,12 +119,12 @@ class _Spans:
         )
 
     def halves(self) -> '_Spans':
-        """Split every span in half."""
+        """Return the first halves of all spans, then the second halves."""
         t = self.duration / 2.0
         v, a, j = self.speed, self.acceleration, self.jerk
         return _Spans(
             np.tile(self.segment, 2),
-            np.append(self.offset, self.offset + _way(t, v, a, j)),
+            np.append(self.offset, self.offset + _distance(t, v, a, j)),
             np.append(v, v + t * (a + t * j / 2.0)),
             np.append(a, a + t * j),
             np.tile(j, 2),
@@ -130,25 +132,25 @@ class _Spans:
         )
 
 
-def _way(t: Array, v: Array, a: Array, j: Array) -> Array:
-    """Return the distance in u after a time from a state."""
-    way: Array = t * (v + t * (a / 2.0 + t * j / 6.0))
-    return way
+def _distance(t: Array, v: Array, a: Array, j: Array) -> Array:
+    """Return the distance in u after a time, with constant jerk."""
+    distance: Array = t * (v + t * (a / 2.0 + t * j / 6.0))
+    return distance
 
 
 def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     """Return the spans of a timing on a path.
 
-    The segment of a span is found by counting the knots before it, not from a rounded u.
+    The segment of a span is the number of knots passed before it, because u may be rounded.
     """
     durations = np.diff(timing.times)
     reached = np.maximum.accumulate(timing.positions)
     knots = path.knots.u
-    begin, end = np.searchsorted(knots, (reached[0], reached[-1]), side='right')
-    first = int(np.clip(begin - 1, 0, len(knots) - 2))
+    before, end = np.searchsorted(knots, (reached[0], reached[-1]), side='right')
+    first = int(np.clip(before - 1, 0, len(knots) - 2))
     last = int(np.clip(end - 1, first, len(knots) - 2))
     passed = np.arange(first + 1, last + 1)
-    # a knot within rounding of a breakpoint counts as at it, preferably at the next one
+    # a knot closer to a breakpoint than KNOT_TOLERANCE counts as at it
     within = reached.searchsorted(knots[passed] + KNOT_TOLERANCE, side='right') - 1
     within = np.clip(within, 0, len(durations) - 1)
     since = np.zeros(len(passed))
@@ -166,7 +168,7 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     until[:-1] = np.where(piece[1:] == piece[:-1], start[1:], until[:-1])
     v, a, j = timing.velocities[piece], timing.accelerations[piece], timing.jerks[piece]
     offset = np.where(
-        knot == 1, 0.0, timing.positions[piece] - knots[segment] + _way(start, v, a, j)
+        knot == 1, 0.0, timing.positions[piece] - knots[segment] + _distance(start, v, a, j)
     )
     spans = _Spans(
         segment,
@@ -180,14 +182,14 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
 
 
 def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
-    """Return when pieces of a timing pass some u, s from the pieces' starts, to rounding."""
-    ways = us - timing.positions[piece]
+    """Return the times at which pieces of a timing pass some u, s after the pieces' starts."""
+    distances = us - timing.positions[piece]
     durations = timing.times[piece + 1] - timing.times[piece]
     v, a, j = timing.velocities[piece], timing.accelerations[piece], timing.jerks[piece]
     low, high = np.zeros_like(durations), durations.copy()
     t = durations / 2.0
     for _ in range(100):  # Newton's method, with bisection if it leaves the bracket
-        over = _way(t, v, a, j) - ways
+        over = _distance(t, v, a, j) - distances
         high, low = np.where(over > 0.0, t, high), np.where(over > 0.0, low, t)
         if np.all((np.abs(over) <= PASSAGE_TOLERANCE) | (high - low <= PASSAGE_TOLERANCE)):
             break
@@ -213,7 +215,7 @@ def _continuous(timing: TimeParametrisation) -> bool:
     t = np.diff(timing.times)
     v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     gaps = (
-        timing.positions[:-1] + _way(t, v, a, j) - timing.positions[1:],
+        timing.positions[:-1] + _distance(t, v, a, j) - timing.positions[1:],
         v + t * (a + t * j / 2.0) - timing.velocities[1:],
         a + t * j - timing.accelerations[1:],
     )
@@ -228,9 +230,10 @@ def _continuous(timing: TimeParametrisation) -> bool:
 
 
 def _bernstein(derivative: int) -> Array:
-    """Return the matrix from Σ cₙ sⁿ to a derivative's Bernstein coefficients, n = 1 … degree.
+    """Return the matrix from a polynomial to the Bernstein coefficients of a derivative on [0, 1].
 
-    For 0 ≤ s ≤ 1. Shape (degree, degree + 1 - derivative).
+    The polynomial of degree d = 15 has the coefficients of s¹ … s¹⁵. The matrix has the shape
+    (d, d + 1 - derivative).
     """
     size = 3 * DEGREE
     degree = size - derivative
@@ -249,10 +252,10 @@ _PARTS = np.cumsum([0] + [3 * DEGREE + 1 - order for order in (1, 2, 3)])
 
 
 def _powers(spans: _Spans) -> tuple[Array, Array]:
-    """Return w, w² … w⁵ of the distance w(s) in u since each span's start, s = 0 … 1.
+    """Return the powers w, w² … w⁵ of the distance w(s) in u since each span's start.
 
-    They are coefficients of s … s¹⁵, shape (m, 5, 15). The second result is w at half the time,
-    shape (m,).
+    s is the fraction of the span's duration. The powers are coefficients of s¹ … s¹⁵, shape
+    (m, 5, 15). The second result is w at half the duration, shape (m,).
     """
     t = spans.duration
     linear = spans.speed * t
@@ -262,20 +265,20 @@ def _powers(spans: _Spans) -> tuple[Array, Array]:
     powers[:, 0, 0], powers[:, 0, 1], powers[:, 0, 2] = linear, square, cube
     linear, square, cube = linear[:, None], square[:, None], cube[:, None]
     for n in range(1, DEGREE):
-        before, here = powers[:, n - 1, n - 1 : 3 * n], powers[:, n]
-        here[:, n : 3 * n + 1] += linear * before
-        here[:, n + 1 : 3 * n + 2] += square * before
-        here[:, n + 2 : 3 * n + 3] += cube * before
-    return powers, _way(t / 2.0, spans.speed, spans.acceleration, spans.jerk)
+        previous, power = powers[:, n - 1, n - 1 : 3 * n], powers[:, n]
+        power[:, n : 3 * n + 1] += linear * previous
+        power[:, n + 1 : 3 * n + 2] += square * previous
+        power[:, n + 2 : 3 * n + 3] += cube * previous
+    return powers, _distance(t / 2.0, spans.speed, spans.acceleration, spans.jerk)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Use:
-    """Usage of the limits by m spans.
+class _SpanUsage:
+    """Usage of the limits in m spans.
 
-    middles: u, shape (m,). hull: upper bounds of velocity, acceleration and jerk as multiples of
-    the limits, shape (m, 3). outside: whether a position may leave its limits, shape (m,).
-    undecided: whether halving could change the result.
+    middles: u in the middle, shape (m,). hull: upper bounds of velocity, acceleration and jerk, as
+    multiples of the limits, shape (m, 3). outside: whether a position may exceed its limits, shape
+    (m,). undecided: whether halving the span could change the result, shape (m,).
     """
 
     middles: Array
@@ -284,7 +287,9 @@ class _Use:
     undecided: npt.NDArray[np.bool_]
 
 
-def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]) -> _Use:
+def _span_usage(
+    path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]
+) -> _SpanUsage:
     powers, half = _powers(spans)
     taylor = path.taylor(spans.segment, spans.offset).transpose(0, 2, 1)  # (m, n, 6)
     t = spans.duration
@@ -303,14 +308,15 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
     outside = np.zeros(len(t), dtype=bool)
     open_ = np.flatnonzero(~confined[spans.segment])
     if len(open_):
-        at = taylor[open_, :, :1] + taylor[open_, :, 1:] @ (powers[open_] @ _POSITION)
+        positions = taylor[open_, :, :1] + taylor[open_, :, 1:] @ (powers[open_] @ _POSITION)
         excess = np.maximum(
-            limits.position_min[:, None] - at, at - limits.position_max[:, None]
+            limits.position_min[:, None] - positions, positions - limits.position_max[:, None]
         ).max(axis=1)
         outside[open_] = excess.max(axis=1) > POSITION_TOLERANCE
         certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_TOLERANCE
         undecided[open_] |= outside[open_] & ~certain
-    return _Use(path.knots.u[spans.segment] + spans.offset + half, hull, outside, undecided)
+    middles = path.knots.u[spans.segment] + spans.offset + half
+    return _SpanUsage(middles, hull, outside, undecided)
 
 
 def _confined(path: Path, limits: JointLimits) -> npt.NDArray[np.bool_]:

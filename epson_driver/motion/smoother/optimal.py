@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The (locally) fastest time parametrisation of a path.
 
-For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
+For x(u) = u̇², and a joint position with the derivatives q′, q″, q‴ by u, the limits are
     velocity      |q′| √x ≤ V
     acceleration  |q′x′/2 + q″x| ≤ A
     jerk          |q′x″/2 + 3q″x′/2 + q‴x| ≤ J / √x
 and the time is ∫ du / √x (Verscheure et al. 2009; jerk: Debrouwere et al. 2013). All of this is
-convex except the right side of the jerk limit. With a spline for x, `interior_point` finds the
-minimum.
+convex except the right side of the jerk limit. x is a spline, and `interior_point` finds its
+coefficients.
 """
 
 import dataclasses
@@ -25,61 +25,65 @@ from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 NODE_SPACING_S = 0.008
-"""Time between the spline's nodes on the initial timing, s."""
+"""Time between two nodes of the spline on the initial timing, s."""
 
 MAX_RAMP_TIME_S = 0.024
-"""Longest ramp of constant jerk from or to rest, s."""
+"""Maximum duration of a ramp, s. A ramp is a start from rest, or an end at rest, with constant
+jerk."""
 
 SHORT_RAMP_TIME_S = 0.008
-"""Longest such ramp in the next attempt if no timing was found, s."""
+"""Maximum duration of a ramp in the second attempt, if the first one has found no timing, s."""
 
 RAMP_VIEW = 3.0
-"""Length of path at an end that is checked for a ramp, in multiples of the ramp's time."""
+"""Duration in which the initial ramp jerk would reach the end of the checked path, in multiples of
+the maximum duration of a ramp."""
 
 MIN_NODES, MAX_NODES = 8, 180
 
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
-"""Shares of the limits held in reserve. The spline respects the limits only at its samples, the
-timing must respect them everywhere."""
+"""Fractions of the limits that are reserved, because the spline respects the limits only at its
+samples and the timing must respect them everywhere."""
 
 MAX_KNOTS = 4
-"""Maximum path knots per node interval that get constraint rows."""
+"""Maximum number of path knots between two nodes that have constraint rows."""
 
 START_INTERVALS = 10
-"""Number of intervals at the start without this reserve (for jerk, with half of it)."""
+"""Number of intervals after a start in motion without this reserve (for jerk, with half of it)."""
 
 FINER_RATIO = 1.03
-"""Ratio of usage to limit, after the first round, above which nodes are added at an excess because
-they are too far apart there."""
+"""Ratio of usage to limit above which the first round adds nodes, because they are too far
+apart."""
 
 COARSE_RATIO = 1.3
-"""Ratio of usage to limit above which an excess of the first round does not show the allowed
-speed, so that nodes are added but the speed is not reduced by it."""
+"""Ratio of usage to limit above which the first round does not reduce the speed where it adds
+nodes, because the nodes are too far apart to show the allowed speed."""
 
 FINAL_INTERVALS = 4
-"""Intervals at the end without added nodes: the ramp to rest and its neighbours stay unchanged."""
+"""Number of intervals at the end to which no nodes are added, so that the ramp to rest stays
+unchanged."""
 
 MAX_ROUNDS = 4
-"""Maximum rounds. Each starts with the previous timing and reduces the speed at an excess."""
+"""Maximum number of rounds. Each starts with the previous timing and reduces the speed where it
+exceeds a limit."""
 
 EXCESS_MARGIN_RATIO = 1.01
-"""After an excess all limits are divided by this factor, and in the intervals with the excess by
-its square times the ratio of the excess."""
+"""Factor by which a round divides all limits after an excess. The limits of intervals with the
+excess are divided by its square times the ratio of usage to limit."""
 
 EXCESS_NEIGHBOURS = 2
 """Number of intervals on either side of an excess whose limits are reduced with it."""
 
 MAX_LESS_RATIO = 4.0
-"""Maximum factor by which one round reduces the limits in an interval."""
+"""Maximum factor by which one round divides the limits in an interval."""
 
 MAX_GENTLER_RAMPS = 20
-"""Maximum number of times that the jerk of a ramp is reduced because the ramp exceeds a limit."""
+"""Maximum number of reductions of a ramp's jerk, if the ramp exceeds a limit."""
 
 GENTLER_RAMP_RATIO = 0.7
-"""Factor by which each of these reductions multiplies the jerk."""
+"""Factor by which such a reduction multiplies the jerk."""
 
 Excess = tuple[Array, Array]
-"""u, and the ratio of usage to limit there."""
+"""Values of u at which a limit is exceeded, and the ratios of usage to limit there."""
 
 _SAMPLES = np.array([0.02, 0.98])
 _WEIGHTS = np.array([0.5, 0.5])
@@ -95,8 +99,8 @@ def propose(
 ) -> TimeParametrisation | None:
     """Return a verified, nearly optimal timing, or None if none was found.
 
-    ramp_time: the longest ramp of constant jerk from or to rest, s. tolerance: relative excess of
-    the time over the optimum that is accepted.
+    ramp_time: maximum duration of a ramp of constant jerk from or to rest, s. tolerance: accepted
+    excess of the duration over the optimum, relative to the optimum.
     """
     ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
@@ -132,13 +136,16 @@ def propose(
 
 
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
-    """Return the ramps from the start (zero if it moves) and to the end."""
-    way = problem.end - problem.start[0]
+    """Return the ramps at the start and at the end, or None if the path is too short for them.
+
+    If the arm already moves, the ramp at the start is zero.
+    """
+    distance = problem.end - problem.start[0]
     ramps = []
     for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
         jerk = np.inf
         for _ in range(2):  # first at the end itself, then along the length of the ramp
-            back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, way / 2.0)
+            back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, distance / 2.0)
             places = end + (0.0 if jerk == np.inf else back * _ALONG_RAMP)
             _, first, _, _ = problem.path.sample(np.atleast_1d(places))
             with np.errstate(divide='ignore'):
@@ -147,7 +154,7 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
         # the speed at the end of the ramp must be below the bounds nearby
         near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
-        longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
+        longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * distance / jerk) ** (1.0 / 3.0))
         time = float(np.clip(longest, NODE_SPACING_S, ramp_time))
         ramp = Ramp(min(jerk, 0.6 * speed / time**2), time)
         ramps.append(_allowed_ramp(problem, ramp, end, inward))
@@ -159,7 +166,10 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
 
 
 def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
-    """Return a ramp, reduced if it would exceed a limit where the path bends at its end."""
+    """Return a ramp with its jerk reduced until it exceeds no acceleration or jerk limit.
+
+    end: u of the rest. inward: direction from there into the path, 1 or -1.
+    """
     limits = problem.limits
     times = ramp.time * _ALONG_RAMP
     jerk = ramp.jerk
@@ -186,15 +196,19 @@ def _spline(
     end_ramp: Ramp,
     spacing: float = NODE_SPACING_S,
 ) -> SpeedSpline | None:
-    """Return a spline with nodes at equal times of a sampled timing, slightly slower."""
-    begin, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
+    """Return a spline that is slightly slower than a sampled timing, or None.
+
+    us, vs, times: u, u̇ and time of the samples. The nodes are at equal distances in time. Return
+    None if nodes coincide or a coefficient is not positive.
+    """
+    start, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
     times = _slow_ends(us, times, start_ramp, end_ramp)
-    first, last = np.interp([begin, end], us, times)
+    first, last = np.interp([start, end], us, times)
     count = int(np.clip((last - first) / spacing, MIN_NODES, MAX_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
-    nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
-    nodes[0], nodes[-1] = begin, end
+    nodes = 0.98 * nodes + 0.02 * np.linspace(start, end, count + 1)
+    nodes[0], nodes[-1] = start, end
     nodes = _on_knots(nodes, problem.path.knots.u)
     speeds = np.interp(_middles(nodes), us, vs)
     return _of_speeds(problem, nodes, math.sqrt(0.8) * speeds, start_ramp, end_ramp)
@@ -203,12 +217,15 @@ def _spline(
 def _finer(
     problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
 ) -> SpeedSpline | None:
-    """Return the spline of a timing with additional nodes around the given u."""
+    """Return the spline of a timing with additional nodes around some u, or None (see _spline).
+
+    places: these u.
+    """
     nodes = spline.nodes
     near = np.zeros(len(nodes) - 1, dtype=bool)
     interval = np.clip(nodes.searchsorted(places, side='right') - 1, 0, len(near) - 1)
-    for beside in (-1, 0, 1):
-        near[np.clip(interval + beside, 0, len(near) - 1)] = True
+    for neighbour in (-1, 0, 1):
+        near[np.clip(interval + neighbour, 0, len(near) - 1)] = True
     nodes = np.sort(np.concatenate([nodes, ((nodes[1:] + nodes[:-1]) / 2.0)[near]]))
     speeds = np.interp(_middles(nodes), timing.positions, timing.velocities)
     return _of_speeds(problem, nodes, speeds, spline.start_ramp, spline.end_ramp)
@@ -217,7 +234,7 @@ def _finer(
 def _of_speeds(
     problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline with the given nodes and about these speeds at the coefficients' centres."""
+    """Return a spline from its nodes and the speeds at `_middles`, or None (see _spline)."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None
@@ -232,7 +249,7 @@ def _of_speeds(
 
 
 def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Array:
-    """Return times, extended near the ends where constant jerk from and to rest needs longer."""
+    """Return the times of samples, with steps that are long enough for the ramps' jerks."""
     steps = np.diff(times)
     if start_ramp.time > 0.0:
         steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / start_ramp.jerk)))
@@ -241,12 +258,15 @@ def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Arr
 
 
 def _middles(nodes: Array) -> Array:
-    """Return the place of each coefficient's maximum weight, shape (N + 2,)."""
+    """Return the u at which each coefficient has its maximum weight, shape (N + 2,)."""
     return np.concatenate((nodes[:1], (nodes[:-1] + nodes[1:]) / 2.0, nodes[-1:]))
 
 
 def _on_knots(nodes: Array, knots: Array) -> Array:
-    """Return nodes, with the nearest one moved to each knot of the path, where jerk jumps."""
+    """Return nodes, of which the nearest one is moved to each knot of the path.
+
+    The jerk may jump at a knot.
+    """
     knots = knots[(knots > nodes[0]) & (knots < nodes[-1])]
     if not len(knots):
         return nodes
@@ -259,21 +279,23 @@ def _on_knots(nodes: Array, knots: Array) -> Array:
 
 
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
-    """Return the limits at both ends of every interval and on both sides of every path knot.
+    """Return the program that minimises the time of a spline within the limits.
 
-    The acceleration has no jumps there, so one side of a node bounds it below, the other above.
+    The limits apply at both ends of each interval, and at both sides of path knots. The
+    acceleration is continuous, so its lower bound is used on one side of a node, and its upper
+    bound on the other side.
     """
     nodes, h, limits = spline.nodes, spline.lengths, problem.limits
     us = (nodes[:-1, None] + h[:, None] * _SAMPLES).ravel()
     weights = (h[:, None] * _WEIGHTS).ravel()
-    # jerk jumps at the knots of the path: sample both sides of the knots that are not nodes
+    # the jerk jumps at the knots of the path, so sample both sides of knots that are not nodes
     knots = problem.path.knots.u
     knots = _few(np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes), nodes)
     us = np.concatenate((us, knots - _BESIDE, knots + _BESIDE))
     weights = np.append(weights, np.zeros(2 * len(knots)))
     interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
     _, first, second, third = problem.path.sample(us)
-    # the state at the start may itself use the whole limits
+    # the state at the start may use the limits fully
     starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.start_ramp.time == 0.0)
     reserve = np.where(starting, 0.0, 1.0)
     a = np.stack([second, first / 2.0, np.zeros_like(first)], axis=2)
@@ -297,12 +319,12 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
         1 + len(limits.names),
         back,
         weights,
-        problem.wanted(us - back, counted),
+        problem.target_speeds(us - back, counted),
     )
 
 
 def _few(knots: Array, nodes: Array) -> Array:
-    """Return at most MAX_KNOTS knots between two nodes. The verification checks all."""
+    """Return the path knots, but at most MAX_KNOTS of them between two nodes."""
     after = nodes.searchsorted(knots)
     counts = np.bincount(after, minlength=len(nodes))
     rank = np.arange(len(knots)) - (np.cumsum(counts) - counts)[after]
@@ -311,14 +333,17 @@ def _few(knots: Array, nodes: Array) -> Array:
 
 
 def _excess(result: LimitUsage) -> Excess:
-    """Return the places at which a timing exceeds the limits, and the ratios."""
+    """Return the excess of a verified timing."""
     ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
     where = ratio > 1.0
     return result.positions[where], ratio[where]
 
 
 def _fraction(excess: list[Excess], nodes: Array) -> Array:
-    """Return the share of the limits to use in each interval after the given excesses."""
+    """Return the fraction of the limits to use in each interval, shape (N,).
+
+    excess: of all previous rounds.
+    """
     fraction = np.ones(len(nodes) - 1)
     for us, ratio in excess:
         where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(fraction) - 1)

@@ -1,16 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Second line of defence: check each output against the limits and the previous output.
+"""Check of each output of the smoother against the limits and the previous output.
 
-It relies on neither planner nor verification. Two outputs and the time dt between them bound the
-demand on the joints between them. For a jerk of at most J
+The check is independent of the planner and its verification. Between two outputs with the time dt
+between them, a jerk of at most J has these consequences:
 
-- the acceleration changes by at most J dt, i.e. by x J dt with |x| ≤ 1,
-- the velocity changes like with a linear acceleration, ± (1 - x²) J dt²/4,
-- the position changes likewise, ± (1 - x²) (1 + |x|/3) J dt³/8.
+- The acceleration changes by x J dt, with |x| ≤ 1.
+- The velocity changes as if the acceleration were linear, ± (1 - x²) J dt²/4.
+- The position changes as if the acceleration were linear, ± (1 - x²) (1 + |x|/3) J dt³/8.
 
-The reason: the acceleration deviates most from the line between its end values if it first rises
-with J and then falls with J.
+The acceleration deviates most from the straight line between its end values if it first rises with
+J and then falls with J, which yields these bounds.
 """
 
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Share of a limit that counts as rounding."""
+"""Relative excess of a velocity or acceleration limit that counts as rounding."""
 
 POSITION_TOLERANCE = 5e-9
-"""The same tolerance for positions, rad."""
+"""Excess of a position limit that counts as rounding, rad."""
 
 
 class Motion(NamedTuple):
-    """Commanded joint state: shapes (n,), in rad, rad/s, rad/s²."""
+    """Commanded state of the joints, shapes (n,), in rad, rad/s, rad/s²."""
 
     position: Array
     velocity: Array
@@ -46,7 +46,7 @@ class Violation:
     unit: str
 
     def __str__(self) -> str:
-        """Return the violation as part of a sentence."""
+        """Return the joint, quantity, value and limit as text."""
         return (
             f'{self.joint}: {self.quantity} {self.value:.6g} {self.unit} is beyond the limit '
             f'{self.limit:.6g} {self.unit}'
@@ -59,16 +59,20 @@ _QUANTITIES = (
     ('velocity', '/s'),
     ('acceleration', '/s²'),
     ('change of acceleration', '/s²'),
-    ('change of velocity beside the acceleration', '/s'),
-    ('change of position beside the velocity', ''),
+    ('change of velocity minus the mean acceleration', '/s'),
+    ('change of position minus the mean velocity', ''),
 )
-"""Names of the rows of values and bounds, and the suffix to the joint's unit."""
+"""Quantity of each row of values and bounds, and the suffix to the joint's unit."""
 
 _ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
+"""Indices of these rows."""
 
 
 class OutputGuard:
-    """Checks each output against the limits and the previous output."""
+    """Check of each output against the limits and the previous output.
+
+    motion: the first output.
+    """
 
     def __init__(self, motion: Motion) -> None:
         self.last = motion
@@ -76,9 +80,10 @@ class OutputGuard:
         self._bounds = self._rounding = np.empty(0)
 
     def violation(self, motion: Motion, dt: float, limits: JointLimits) -> Violation | None:
-        """Return the first limit that an output `dt` ≥ 0 s after the last one exceeds.
+        """Return the first limit that an output exceeds, or None if it exceeds none.
 
-        None: it respects all limits, and becomes the last output.
+        `dt`: time since the last output, ≥ 0 s. An output that exceeds no limit becomes the last
+        output.
         """
         if self._bounds_of is None or self._bounds_of[0] is not limits or self._bounds_of[1] != dt:
             self._bounds, self._rounding = _bounds(limits, dt), _rounding(limits, dt)
@@ -106,14 +111,14 @@ class OutputGuard:
 
 
 def _bounds(limits: JointLimits, dt: float) -> Array:
-    """Return the bounds without rounding, for x = 0, shape (7, n)."""
+    """Return the bounds of all rows for x = 0, without tolerances, shape (7, n)."""
     zeros, change = np.zeros_like(limits.jerk), limits.jerk * dt
     rows = [zeros, zeros, limits.velocity, limits.acceleration, change]
     return np.array([*rows, change * dt / 4.0, change * dt**2 / 8.0])
 
 
 def _rounding(limits: JointLimits, dt: float) -> Array:
-    """Return the tolerances of the bounds, shape (7, n)."""
+    """Return the tolerances of all bounds, shape (7, n)."""
     position = np.full_like(limits.jerk, POSITION_TOLERANCE)
     v, a = LIMIT_TOLERANCE_SHARE * limits.velocity, LIMIT_TOLERANCE_SHARE * limits.acceleration
     return np.array([position, position, v, a, a, v + a * dt, position + (v + a * dt) * dt])

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The geometry: a path with continuous curvature through knots in joint space.
+"""A path with continuous curvature through knots in joint space.
 
-Its parameter u is the sum of the chord lengths, each measured in seconds at full speed:
-‖Δq / v_max‖₂. A knot is a position with the first and the second derivative by u. Between two
-knots the path is the quintic polynomial with these values at its ends. The derivatives come from a
-cubic spline through the knots, so the path is identical to this spline wherever a knot and its
-neighbours come from the same spline.
+The parameter u of the path is the sum of the chord lengths ‖Δq / v_max‖₂ between the knots. Its
+unit is the second at full speed. A knot is a position with its first and second derivatives by u.
+Between two knots the path is the quintic polynomial with these values at its ends. The derivatives
+come from a cubic spline through the knots, so the path is equal to this spline where no knot was
+added or changed later.
 """
 
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ DEGREE = 5
 """Polynomial degree of a segment."""
 
 
-def _hull_of(begin: float, end: float) -> Array:
-    """Return the matrix from a quintic's powers to its Bernstein form on [begin, end], (6, 6)."""
+def _hull_of(start: float, end: float) -> Array:
+    """Return the matrix from a quintic to its Bernstein coefficients on [start, end], (6, 6)."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
-    for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments at the end, the others before
+    for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments `end`, the others `start`
         polynomial = np.array([1.0])
-        for argument in [end] * i + [begin] * (DEGREE - i):
+        for argument in [end] * i + [start] * (DEGREE - i):
             polynomial = np.convolve(polynomial, [1.0, argument])
         for n in range(DEGREE + 1):
             matrix[i, n] = polynomial[n] / comb(DEGREE, n)
@@ -46,45 +46,46 @@ _HULLS = np.concatenate(
 
 _BINOMIALS = np.array([[comb(n, k) for n in range(DEGREE + 1)] for k in range(DEGREE + 1)], float)
 _SHIFT_EXPONENTS = np.maximum(np.subtract.outer(range(DEGREE + 1), range(DEGREE + 1)).T, 0)
-"""(x + s)ⁿ has binomial(n, k) sⁿ⁻ᵏ with xᵏ: in row k, column n."""
+"""Exponents of s in (x + s)ⁿ = Σ binomial(n, k) sⁿ⁻ᵏ xᵏ, in row k and column n."""
 
 POSITION_TOLERANCE = 5e-13
-"""Distance beyond a position limit that still counts as on it, rad."""
+"""Excess of a position limit that counts as rounding, rad."""
 
 AT_LIMIT_DISTANCE = 1e-6
-"""A joint closer than this to its position limit at a knot, rad, must not move there."""
+"""Distance from a position limit, rad, below which a joint must not move at a knot."""
 
 ONWARD_SHARE = 0.25
-"""Share of a segment for which the path past its last knot must have room to continue straight.
-
-A quintic that leaves a knot with a slope and comes back overshoots by 0.19 of slope · length.
-"""
+"""Fraction of the expected next segment for which a joint must have room to continue straight
+after the last knot. A quintic that leaves a knot with a slope and returns overshoots by 0.19 of
+slope · length."""
 
 LONG_SEGMENT = 1.5
-"""Maximum expected length of the segment after the last known one, s at full speed."""
+"""Maximum expected length of the next segment, s at full speed."""
 
 LONGER_RATIO = 10.0
 """Maximum ratio of this expected length to the longest known segment."""
 
 _FREE, _LEVEL, _TURNING = 0, 1, 2
-"""State of a joint at a knot: derivatives from the spline, slope of 0, or slope of 0 with the
-least curvature away from the limit that keeps the adjacent segments in the range."""
+"""State of a joint at a knot. _FREE: its derivatives are those of the spline. _LEVEL: its slope is
+0. _TURNING: its slope is 0, and it has just enough curvature away from the limit to keep the
+adjacent segments within the range."""
 
-TURN_RATIO, LEAST_TURN_SHARE = 1.1, 0.25
-"""Curvature of a turning joint relative to the least one, so that the segments pass the range
-check, and its minimum as a share of the excess of the segment's third Bernstein coefficient."""
+TURN_RATIO, MIN_TURN_SHARE = 1.1, 0.25
+"""Ratio of the curvature of a turning joint to the minimum, so that the segments pass the range
+check, and a lower bound of this minimum, relative to the excess of a segment's third Bernstein
+coefficient."""
 
 _TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
-"""Samples for that search: positions s measured from the segment's other knot (0 … 1), as
-s / (1 - s)."""
+"""Samples s / (1 - s) for the search for this minimum, where s is the position in a segment,
+measured from the other knot, (0, 1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Knots:
-    """k points of a path.
+    """k points of a path, with derivatives.
 
-    u: strictly increasing, shape (k,). position, and its first and second derivative by u: shape
-    (k, n), rad.
+    u: path parameter, strictly increasing, shape (k,). position: shape (k, n), rad. first, second:
+    derivatives of the position by u, shape (k, n).
     """
 
     u: Array
@@ -139,14 +140,15 @@ class Path:
         return q, first, second
 
     def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
-        """Return position and three derivatives at every u, shapes (m, n).
+        """Return position and three derivatives at each u, shapes (m, n).
 
-        The third derivative at a knot is the one after the knot, or the one `before` it.
+        The third derivative may jump at a knot. There it is the value after the knot, or, with
+        `before`, the value before it.
         """
         after = self.knots.u.searchsorted(us, side='left' if before else 'right')
         index = np.clip(after - 1, 0, len(self._lengths) - 1)
         h = self._lengths[index]
-        # separate arrays for each coefficient, and s and h repeated for every joint, are faster
+        # one array for each coefficient, and s and h repeated for each joint, are faster
         c0, c1, c2, c3, c4, c5 = self._by_exponent.take(index, axis=1)
         s = ((us - self.knots.u[index]) / h)[:, None].repeat(c0.shape[1], axis=1)
         h = h[:, None].repeat(c0.shape[1], axis=1)
@@ -158,10 +160,10 @@ class Path:
         )
 
     def taylor(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
-        """Return the polynomials of segments about a place in each, shape (m, 6, n).
+        """Return the Taylor polynomials of segments about one u in each, shape (m, 6, n).
 
-        offset: distance in u of the place from the segment's first knot. Both have shape (m,). The
-        result has the coefficients of (u - place)⁰, (u - place)¹ ….
+        segment: indices of the segments, shape (m,). offset: distance in u from the segments'
+        first knots, shape (m,). The result has the coefficients of powers 0 to 5.
         """
         h = self._lengths[segment]
         powers = np.vander(offset / h, DEGREE + 1, increasing=True)
@@ -171,7 +173,10 @@ class Path:
         return shifted
 
     def hulls(self) -> Array:
-        """Return the Bernstein hull of each segment, which contains it, shape (k - 1, 6, n)."""
+        """Return the Bernstein coefficients of each segment, shape (k - 1, 6, n).
+
+        A segment is within the range of its coefficients.
+        """
         hulls: Array = _HULL @ self._coefficients
         return hulls
 
@@ -192,18 +197,20 @@ class Path:
 
 
 def chord_lengths(points: Array, limits: JointLimits) -> Array:
-    """Return the lengths between consecutive points, shape (k, n) to (k - 1,), s at full speed."""
+    """Return the lengths between consecutive points, shape (k - 1,), s at full speed.
+
+    points: shape (k, n), rad.
+    """
     scaled: Array = np.linalg.norm(np.diff(points, axis=0) / limits.velocity, axis=1)
     return scaled
 
 
-def line(kept: Knots, point: Array, limits: JointLimits) -> Path:
-    """Return the straight path from the last kept knot to a point, shape (n,).
+def line(knots: Knots, point: Array, limits: JointLimits) -> Path:
+    """Return the straight path from the last of some knots to a point, shape (n,).
 
-    It has no bends, so acceleration and jerk come from the motion along u alone. If slow enough,
-    it respects all limits. It stays in the range if its ends are in the range.
+    A slow enough motion on it respects all limits, because it has no bends.
     """
-    start = kept[len(kept.u) - 1 :]
+    start = knots[len(knots.u) - 1 :]
     ends = np.stack([start.position[0], point])
     length = chord_lengths(ends, limits)
     slope = np.tile(np.diff(ends, axis=0) / length, (2, 1))
@@ -211,26 +218,26 @@ def line(kept: Knots, point: Array, limits: JointLimits) -> Path:
 
 
 def through(
-    kept: Knots, points: Array, limits: JointLimits, clamped: bool = True, final: bool = False
+    knots: Knots, points: Array, limits: JointLimits, clamped: bool = True, final: bool = False
 ) -> Path:
-    """Return the path along kept knots and then through points, shape (m, n), m ≥ 1.
+    """Return the path along some knots and then through points, shape (m, n), m ≥ 1.
 
-    The kept knots (one or more) stay unchanged. A path from rest at a single kept knot is not
-    `clamped`: its derivatives there are free. A joint that would leave its position limits between
-    two points within them gets a slope of 0 there instead. The last point is approached so that
-    the path can continue from it within the limits, unless it is `final`, with a rest after it.
+    The knots (one or more) stay unchanged. If not `clamped`, there is a single knot at rest, whose
+    derivatives are free. A joint that would leave its position limits between two points gets a
+    slope of 0 at a point instead. At the last point, the path can continue within the limits,
+    unless the point is `final`, with a rest after it.
     """
-    chain = np.concatenate([kept.position[-1:], points])
-    u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
-    start = (kept.first[-1], kept.second[-1]) if clamped else None
+    chain = np.concatenate([knots.position[-1:], points])
+    u = knots.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
+    start = (knots.first[-1], knots.second[-1]) if clamped else None
     fixed = 1 if clamped else 0
     low = chain < limits.position_min + AT_LIMIT_DISTANCE
     high = chain > limits.position_max - AT_LIMIT_DISTANCE
     level = np.where(high | low, _LEVEL, _FREE)
     level[:fixed] = _FREE
     nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
-    held = np.zeros_like(chain)
-    first, _ = _cubic_spline(u, chain, level, held, start, low, high)
+    slopes = np.zeros_like(chain)
+    first, _ = _cubic_spline(u, chain, level, slopes, start, low, high)
     # a continuation after the last point must stay within the range, too
     room = np.where(
         first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
@@ -239,10 +246,10 @@ def through(
     steepest = room / (ONWARD_SHARE * onward)
     steep = (np.abs(first[-1]) > steepest) & (level[-1] == _FREE) & (not final)
     level[-1, steep] = _LEVEL
-    held[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
+    slopes[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
     changed = True
     while changed:
-        first, second = _cubic_spline(u, chain, level, held, start, low, high)
+        first, second = _cubic_spline(u, chain, level, slopes, start, low, high)
         for knot, joint in np.argwhere(level == _TURNING):
             second[knot, joint] = _turn(u, chain, first, second, knot, joint, limits)
         path = Path(Knots(u, chain, first, second))
@@ -257,7 +264,7 @@ def through(
                     changed = True
                     break
     new = path.knots[1:] if clamped else path.knots
-    old = kept if clamped else kept[: len(kept.u) - 1]
+    old = knots if clamped else knots[: len(knots.u) - 1]
     return Path(
         Knots(
             *(
@@ -273,18 +280,19 @@ def _cubic_spline(
     points: Array,
     level: npt.NDArray[np.int_],
     slope: Array,
-    begin: tuple[Array, Array] | None,
+    start: tuple[Array, Array] | None,
     low: npt.NDArray[np.bool_],
     high: npt.NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
-    It is C2 at knots that are _FREE. A new spline starts where a joint is _LEVEL or _TURNING, with
-    the given `slope`, which is 0 except at the end. The curvature there is the smaller one of both
-    sides, 0 if their signs differ, and 0 if the joint is _TURNING. The spline does not bend out of
-    the range at a knot on its limit (`low`, `high`). level, slope, low, high: shape (k, n).
-    `begin`: the derivatives at the first knot. None: the second derivative is 0 there and, in
-    every case, at the end.
+    The second derivative is continuous where a joint is _FREE. Where it is _LEVEL or _TURNING,
+    another spline starts, with the slope from `slope`. The curvature there is the smaller one of
+    both sides, or 0 if their signs differ or the joint is _TURNING. At the last knot it is 0.
+
+    level, slope: shape (k, n). start: derivatives at the first knot, or None for a curvature of 0.
+    low, high: whether a joint is at its lower or upper limit, where it must not bend out of the
+    range, shape (k, n).
     """
     h = np.diff(u)[:, None]
     slopes = np.diff(points, axis=0) / h
@@ -297,27 +305,27 @@ def _cubic_spline(
     main[0] = main[-1] = 2.0
     above[0] = below[-1] = 1.0
     right[0], right[-1] = 3.0 * slopes[0], 3.0 * slopes[-1]
-    if begin is not None:
-        main[0], above[0], right[0] = 1.0, 0.0, begin[0]
-    held = level != _FREE
-    main[held], below[held], above[held], right[held] = 1.0, 0.0, 0.0, slope[held]
+    if start is not None:
+        main[0], above[0], right[0] = 1.0, 0.0, start[0]
+    fixed = level != _FREE
+    main[fixed], below[fixed], above[fixed], right[fixed] = 1.0, 0.0, 0.0, slope[fixed]
     first = solve_tridiagonal(below, main, above, right)
-    first[held] = slope[held]
+    first[fixed] = slope[fixed]
     second = np.zeros_like(points)
     ahead = (6.0 * slopes - 4.0 * first[:-1] - 2.0 * first[1:]) / h
     behind = (4.0 * first[1:] + 2.0 * first[:-1] - 6.0 * slopes) / h
     second[:-1], second[-1] = ahead, behind[-1]
     lesser = np.where(np.abs(ahead[1:]) < np.abs(behind[:-1]), ahead[1:], behind[:-1])
     lesser[ahead[1:] * behind[:-1] <= 0.0] = 0.0
-    second[1:-1] = np.where(held[1:-1], lesser, second[1:-1])
+    second[1:-1] = np.where(fixed[1:-1], lesser, second[1:-1])
     second[-1] = 0.0
-    if begin is None:
+    if start is None:
         second[0] = 0.0
     second[high] = np.minimum(second[high], 0.0)
     second[low] = np.maximum(second[low], 0.0)
     second[level == _TURNING] = 0.0
-    if begin is not None:
-        first[0], second[0] = begin
+    if start is not None:
+        first[0], second[0] = start
     return first, second
 
 
@@ -330,10 +338,10 @@ def _turn(
     joint: int,
     limits: JointLimits,
 ) -> float:
-    """Return the curvature of a level joint at a knot that keeps it within the nearer limit.
+    """Return the curvature of a _TURNING joint at a knot that keeps it within the nearer limit.
 
-    It is 0, or directed inwards if an adjacent knot is fixed with a steep slope towards
-    the limit. points, first, second: positions and derivatives at the knots, shape (k, n).
+    It is 0, or directed inwards if the joint approaches the limit steeply at an adjacent knot.
+    points, first, second: positions and derivatives at the knots, shape (k, n).
     """
     low, high = limits.position_min[joint], limits.position_max[joint]
     border, inward = low, 1.0
@@ -344,7 +352,7 @@ def _turn(
     for other in (knot - 1, knot + 1):
         if not 0 <= other < len(u):
             continue
-        h = u[knot] - u[other]  # negative for the next knot, as if traversed backwards
+        h = u[knot] - u[other]  # negative for the next knot: the segment is traversed backwards
         # Bernstein coefficients of the distance from the limit, starting at the other knot
         start = inward * (points[other, joint] - border)
         slope = inward * first[other, joint] * h
@@ -352,6 +360,6 @@ def _turn(
         third = start + 2.0 * slope / 5.0 + bend / 20.0
         others = start + (5.0 * start + slope) * _TURN_SAMPLES + 10.0 * third * _TURN_SAMPLES**2
         others += room * (5.0 * _TURN_SAMPLES**4 + _TURN_SAMPLES**5)
-        fourth = max(float(np.max(-others / (10.0 * _TURN_SAMPLES**3))), -LEAST_TURN_SHARE * third)
+        fourth = max(float(np.max(-others / (10.0 * _TURN_SAMPLES**3))), -MIN_TURN_SHARE * third)
         minimum = max(minimum, 20.0 * (fourth - room) / h**2)
     return inward * TURN_RATIO * minimum

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner: makes a plan from a request, without any state, so that it can run anywhere.
+"""The planner, a function from a request to a plan without any state.
 
-A plan is a path and a timing on it that is verified against every limit and ends at rest. The
-simulated controller plans in a separate process.
+A plan is a path, and a timing on it that ends at rest and is verified against every limit. The
+simulated controller runs the planner in a separate process.
 """
 
 import dataclasses
@@ -19,17 +19,18 @@ from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
-"""Candidate distances of the rest, in multiples of the shortest braking distance by slope."""
+"""Distances to a rest that are tried, in multiples of the shortest braking distance that the slope
+of the path allows."""
 
 MIN_SEGMENT_SHARE = 0.1
-"""Minimum share of a segment before the rest. Below it, the rest is at the previous knot."""
+"""Minimum fraction of a segment before the rest. Below it, the rest is at the previous knot."""
 
 
 def _pause(problem: Problem) -> TimeParametrisation | None:
-    """Return a verified timing that soon comes to rest before the path's end, or None.
+    """Return a verified timing that comes to rest soon, or None if none was found.
 
-    A motion that fully uses its limits cannot always brake immediately: where the path bends, the
-    joints may need their whole limits to follow it. It can come to rest slightly later.
+    A motion that uses its limits fully cannot always brake immediately, because the joints may
+    need their limits to follow a bend of the path. It can come to rest slightly later.
     """
     timing = ruckig_move.stop(problem)
     if timing is not None:
@@ -49,7 +50,7 @@ def _pause(problem: Problem) -> TimeParametrisation | None:
 
 
 def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
-    """Return the fastest timing to the end of a part of the path."""
+    """Return the fastest verified timing to the end of a part of the path, or None."""
     shorter = dataclasses.replace(problem, path=path, commanded=None)
     timing = optimal.propose(shorter, SpeedBounds(shorter))
     if timing is None or not problem.usage(timing).allowed:
@@ -57,10 +58,10 @@ def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
     return timing
 
 
-def _until(path: Path, begin: float, end: float) -> Path:
-    """Return the path from the segment of `begin` to `end`, or to a knot just before."""
+def _until(path: Path, start: float, end: float) -> Path:
+    """Return the path from the segment of `start` to `end`, or to a knot just before `end`."""
     knots = path.knots
-    first, last = path.segment(begin), path.segment(end)
+    first, last = path.segment(start), path.segment(end)
     part = (end - knots.u[last]) / (knots.u[last + 1] - knots.u[last])
     if part < MIN_SEGMENT_SHARE and last > first:
         return Path(knots[first : last + 1])
@@ -77,32 +78,32 @@ def _until(path: Path, begin: float, end: float) -> Path:
 
 
 URGENT_SHARE = 0.15
-"""Additional effort for finding any plan when it is urgent, as a share of a plan's effort."""
+"""Additional effort for an urgent plan, as a fraction of the effort of a plan."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of the algorithms that find a timing (`Plan.proposer`)."""
 
 BRANCH_SHARES = (0.15, 0.4, 0.75)
-"""Candidate times for leaving the current plan, as shares of its duration."""
+"""Times at which a plan may branch off from the current plan, as fractions of its duration."""
 
 BRANCH_HORIZON_SHARE = 0.6
-"""Planning horizon of a plan that leaves the current one, as a share of the normal horizon."""
+"""Planning horizon of a plan that branches off, as a fraction of the normal horizon."""
 
 BRANCH_TOLERANCE = 1e-2
-"""Relative excess over the optimal time that is accepted for such a plan."""
+"""Accepted excess of the duration of such a plan over the optimum, relative to the optimum."""
 
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
-    """Return a verified plan, or None if none was found (the current plan then continues)."""
-    first = _path(request, request.kept, limits)
+    """Return a verified plan, or None if none was found. Then the current plan continues."""
+    first = _path(request, request.knots, limits)
     effort = Effort()
     if request.pause:
-        path = first if request.older is None else Path(request.older)
+        path = first if request.current_knots is None else Path(request.current_knots)
         timing = _pause(problem_of(request, path, limits, 1.0, effort))
         return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
-    at_rest = len(request.kept.u) == 1
+    at_rest = len(request.knots.u) == 1
     if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
-        # only one path leads from one rest to the next, and no later plan continues from it
+        # the straight path is optimal, because the arm is at rest before and after it
         result = _straight(request, limits)
         if result is not None:
             return result
@@ -126,32 +127,32 @@ def _fresh(
     effort: Effort,
     ramp_time: float = optimal.MAX_RAMP_TIME_S,
 ) -> Plan | None:
-    """Return a plan that ignores the current one."""
+    """Return a plan that does not depend on the current plan's timing, or None."""
     path, problem, bounds = within_horizon(request, first, limits, effort)
     timing = optimal.propose(problem, bounds, ramp_time)
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
-def _branch(request: Request, share: float, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan that keeps the first `share` of the current plan and replans the rest.
+def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effort) -> Plan | None:
+    """Return a plan that follows the current plan for a fraction of its duration, or None.
 
-    A motion that fully uses its limits may have no alternative for some time. More freedom exists
+    A motion that uses its limits fully may have no alternative for some time. It has more freedom
     after it has started to brake for its end.
     """
-    former, older = request.former, request.older
-    if former is None or older is None or effort.used_up:
+    current_timing, current_knots = request.current_timing, request.current_knots
+    if current_timing is None or current_knots is None or effort.used_up:
         return None
-    first = share * former.duration
-    state = former.at(first)
-    head = former.part(0.0, first)
-    if head is None or state[0] >= older.u[-1]:
+    first = fraction * current_timing.duration
+    state = current_timing.at(first)
+    head = current_timing.part(0.0, first)
+    if head is None or state[0] >= current_knots.u[-1]:
         return None
-    path = _path(request, older, limits)
+    path = _path(request, current_knots, limits)
     clock = np.interp([request.state[0], state[0]], path.knots.u, request.clock)
     later = dataclasses.replace(
         request,
         state=state,
-        former=former.part(first),
+        current_timing=current_timing.part(first),
         lag=request.lag + first - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
@@ -165,7 +166,7 @@ def _branch(request: Request, share: float, limits: JointLimits, effort: Effort)
 
 
 def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
-    """Return one move along the path, which may be slow, or None."""
+    """Return a plan of one move along the path, which may be slow, or None if none was found."""
     effort = Effort(URGENT_SHARE * MAX_EFFORT_US)
     path, problem, _ = within_horizon(request, first, limits, effort)
     timing = ruckig_move.propose(problem)
@@ -173,15 +174,15 @@ def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
 
 
 def _straight(request: Request, limits: JointLimits) -> Plan | None:
-    """Return a plan from rest straight to rest at the next point, which always exists."""
-    way = line(request.kept, request.points[0], limits)
-    timing = ruckig_move.only_move(problem_of(request, way, limits, 1.0, Effort()))
-    return None if timing is None else Plan(request.start, way.knots, timing, 'straight')
+    """Return a plan from rest straight to rest at the next point, or None if none was found."""
+    path = line(request.knots, request.points[0], limits)
+    timing = ruckig_move.only_move(problem_of(request, path, limits, 1.0, Effort()))
+    return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
 
-def _path(request: Request, kept: Knots, limits: JointLimits) -> Path:
-    """Return the path along some of the current knots, and then through the points."""
-    points = request.points[len(kept.u) - len(request.kept.u) :]
+def _path(request: Request, knots: Knots, limits: JointLimits) -> Path:
+    """Return the path along some knots of the current path, and then through the points."""
+    points = request.points[len(knots.u) - len(request.knots.u) :]
     if not len(points):
-        return Path(kept)
-    return through(kept, points, limits, clamped=len(kept.u) > 1, final=request.whole)
+        return Path(knots)
+    return through(knots, points, limits, clamped=len(knots.u) > 1, final=request.whole)

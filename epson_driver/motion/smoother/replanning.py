@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Decides when to replan, builds the planner's request, and applies its answer."""
+"""Decides when to replan, builds the request, and applies the planner's plan."""
 
 import logging
 from collections.abc import Callable
@@ -16,37 +16,40 @@ from epson_driver.motion.smoother.request import ActivePlan, Plan, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
-START_PATIENCE_S = 0.03
-"""Time for which the first point waits at rest for more, before a short motion starts, s."""
+START_DELAY_S = 0.03
+"""Delay of a start from rest to a short motion, s, during which more points may arrive."""
 
-MAX_START_PATIENCE_S = 0.1
-"""Maximum wait while timed points arrive whose motion would end before the next plan, s."""
+MAX_START_DELAY_S = 0.1
+"""Maximum delay of a start while timed points arrive and their motion would end before the next
+plan, s."""
 
 MIN_PERIOD_S = 0.03
 """Minimum time between two plans, s."""
 
 MIN_POINTS = 3
-"""Minimum number of points in a plan, if they are known."""
+"""Minimum number of points in a request, if they are known."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
-"""A plan is replaced only if it ends within this time, in multiples of the stopping time."""
+"""Time before the end of a plan at which it may be replaced, in multiples of the stopping time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""A plan that ends within this share of the reserve is replaced by any found plan, even a slow
-one."""
+"""Fraction of this time in which even a slow plan replaces the current plan."""
 
 LATE_TOLERANCE_S = 1e-9
-"""Tolerance for a plan that starts slightly in the past, s."""
+"""Maximum time by which a plan may start in the past because of rounding, s."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
-"""Returns a verified plan, or None if none was found."""
+"""Function that returns a verified plan, or None if none was found."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingRequest:
-    """A request, the waypoints of its knots, and whether more waypoints follow."""
+    """A request whose plan has not arrived yet.
+
+    route: waypoints of its knots and points. more: whether more waypoints are known.
+    """
 
     request: Request
     route: list[Waypoint]
@@ -54,12 +57,10 @@ class PendingRequest:
 
 
 class Replanning:
-    """Replaces the executed plan by a better one before it comes to its rest.
+    """Replaces the executed plan by a better one before it ends at rest.
 
-    One request is pending at a time: call `request`, then `take` with the plan. With a `planner`,
-    `plan_now` does both. Without one, the caller plans the request. A plan starts `latency` s
-    after its request. `planner_errors` counts the planner's exceptions, `planner_error` is the
-    last one.
+    With a `planner`, `plan_now` plans. Without one, the caller plans each `request` and passes the
+    plan to `take`. One request is pending at a time. A plan starts `latency` s after its request.
     """
 
     def __init__(
@@ -76,15 +77,17 @@ class Replanning:
         self.latency = latency
         self._catch_up = catch_up
         self.news = False
-        """Whether anything useful to a plan has arrived since the last request."""
+        """Whether another plan may be better than the last one, e.g. because of new points."""
         self.planner_errors = 0
+        """Number of exceptions in the planner."""
         self.planner_error: Exception | None = None
+        """Last exception in the planner, or None."""
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
         self._pending: PendingRequest | None = None
-        self._asked_at = -np.inf
+        self._request_time = -np.inf
 
     def forget(self) -> None:
-        """Discard the pending request and the next plan, as their points are discarded."""
+        """Discard the pending request and the next plan."""
         self._pending = self._execution.next = None
         self.news = False
 
@@ -95,31 +98,31 @@ class Replanning:
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(self._waypoints.limits)
 
     def plan_now(self) -> None:
-        """Plan if it is time to and a planner exists."""
+        """Plan if there is a planner and a plan is due."""
         if self._planner is not None:
             request = self.request()
             if request is not None:
                 self.take(self._planned(self._planner, request))
 
     def request(self) -> Request | None:
-        """Return the next planning request, or None. `take` its plan before the next one."""
-        asked = self._pending is not None or self._execution.next is not None
-        if asked or not self._worth_planning():
+        """Return the next planning request, or None if none is due or one is pending."""
+        pending = self._pending is not None or self._execution.next is not None
+        if pending or not self._should_plan():
             return None
-        self._pending = self._made_request()
-        self._asked_at = self._execution.now
+        self._pending = self._new_request()
+        self._request_time = self._execution.now
         self.news = False
         return self._pending.request
 
     def take(self, answer: Plan | None) -> bool:
-        """Accept the plan for the last request and return whether it is used.
+        """Accept the plan for the last request. Return whether it is used.
 
-        None, or a plan that comes too late, changes nothing.
+        answer: the plan, or None if none was found. A plan that is too late is not used.
         """
         execution = self._execution
         pending, self._pending = self._pending, None
         if pending is None:
-            return False  # discarded in the meantime
+            return False  # the request has been discarded
         now = execution.now
         if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
             self.news = True
@@ -144,7 +147,7 @@ class Replanning:
         return True
 
     def _planned(self, planner: Planner, request: Request) -> Plan | None:
-        """Return the planner's plan, or None if it raised. The current plan ends at rest."""
+        """Return the planner's plan, or None if it raised."""
         try:
             return planner(request, self._waypoints.limits)
         except Exception as error:
@@ -154,14 +157,14 @@ class Replanning:
             self.planner_error = error
             return None
 
-    def _worth_planning(self) -> bool:
+    def _should_plan(self) -> bool:
         execution = self._execution
         if execution.joint_motion is not None or execution.stopping:
             return False
         plan = execution.plan
         if plan is None:
-            return self._worth_beginning()
-        if execution.now < self._asked_at + MIN_PERIOD_S:
+            return self._should_start()
+        if execution.now < self._request_time + MIN_PERIOD_S:
             return False
         if plan.pause != execution.held:
             return True
@@ -169,78 +172,83 @@ class Replanning:
             return False
         return 0.0 < plan.end - execution.now - self.latency < self._reserve
 
-    def _worth_beginning(self) -> bool:
-        """Return whether to leave the rest now."""
+    def _should_start(self) -> bool:
+        """Return whether to start from rest now."""
         execution, waypoints = self._execution, self._waypoints
         now = execution.now
         if execution.held or now < waypoints.rest_until:
             return False
         waited = now - waypoints.waiting_since()
-        patient = waited >= START_PATIENCE_S
+        waited_enough = waited >= START_DELAY_S
         if not waypoints.ahead:
-            if not patient or not execution.beside_last:
+            if not waited_enough or not execution.near_last:
                 return False
-            waypoints.go_back(now)
+            waypoints.return_to_origin(now)
         known = waypoints.time_from_rest(now)
         if waypoints.last.rest is not None or known > self._reserve / 2.0:
             return True
-        if not patient or waited >= MAX_START_PATIENCE_S:
-            return patient
-        # a motion that ends before the next plan can follow would stop between points
+        if not waited_enough or waited >= MAX_START_DELAY_S:
+            return waited_enough
+        # a motion that ends before the next plan would stop between points
         followed = known >= self.latency + MIN_PERIOD_S or not waypoints.last.timed
-        return followed or now >= waypoints.last.came + START_PATIENCE_S
+        return followed or now >= waypoints.last.arrival + START_DELAY_S
 
-    def _made_request(self) -> PendingRequest:
+    def _new_request(self) -> PendingRequest:
         execution, waypoints = self._execution, self._waypoints
         horizon = 2.0 * self._reserve
         plan = execution.plan
         start: float | None = None
-        older: Knots | None = None
-        former: TimeParametrisation | None = None
+        current_knots: Knots | None = None
+        current_timing: TimeParametrisation | None = None
         lag = 0.0
         urgent = True
         pause = plan is not None and execution.held
         if plan is None:
             position = execution.motion.position
             zeros = np.zeros((1, len(position)))
-            kept, route = Knots(np.zeros(1), position[None, :], zeros, zeros), [waypoints.origin]
+            start_knots, route = (
+                Knots(np.zeros(1), position[None, :], zeros, zeros),
+                [waypoints.origin],
+            )
             state = (0.0, 0.0, 0.0)
         else:
-            begin = execution.now + self.latency
+            branch = execution.now + self.latency
             if not execution.paused:
-                start = begin
-                urgent = plan.end - begin < URGENT_RESERVE_SHARE * self._reserve
-            state = plan.timing.at(begin - plan.begin)
-            former = plan.timing.part(begin - plan.begin)
+                start = branch
+                urgent = plan.end - branch < URGENT_RESERVE_SHARE * self._reserve
+            state = plan.timing.at(branch - plan.start)
+            current_timing = plan.timing.part(branch - plan.start)
             knots = plan.path.knots
             first = plan.path.segment(state[0])
-            kept, route = knots[first : first + 2], plan.route[first : first + 2]
-            older = knots[first:]
+            start_knots, route = knots[first : first + 2], plan.route[first : first + 2]
+            current_knots = knots[first:]
             if execution.clock_start is not None and route[-1].timed:
-                lag = begin - execution.clock_start - plan.clock(begin)
+                lag = branch - execution.clock_start - plan.clock(branch)
             else:
                 execution.clock_start = None
         known = len(route)
-        reached = route[0].clock if plan is None else plan.clock(begin)
+        reached = route[0].clock if plan is None else plan.clock(branch)
         more = self._extend(route, reached + horizon)
-        if older is not None and len(older.u) > len(route):
-            older = former = None  # the former plan includes points beyond this request
+        if current_knots is not None and len(current_knots.u) > len(route):
+            current_knots = current_timing = (
+                None  # the current plan includes points beyond this request
+            )
         points = [point.position for point in route[known:]]
         clocks = np.array([point.clock for point in route])
-        clocks[0] += route[0].rest or 0.0  # the commanded rest there is over
+        clocks[0] += route[0].rest or 0.0  # a rest there is over
         request = Request(
             start,
             state,
-            kept,
-            older,
-            np.array(points).reshape(len(points), kept.position.shape[1]),
+            start_knots,
+            current_knots,
+            np.array(points).reshape(len(points), start_knots.position.shape[1]),
             clocks,
             np.array([point.timed for point in route]),
             lag,
             pause,
             horizon,
             urgent,
-            former,
+            current_timing,
             route[-1].rest is not None,
             self._catch_up,
         )
@@ -249,7 +257,7 @@ class Replanning:
     def _extend(self, route: list[Waypoint], end: float) -> bool:
         """Add waypoints to the route up to the next rest. Return whether more are known.
 
-        end: minimum clock to reach, s.
+        At least MIN_POINTS waypoints are added, and those until the commanded time `end`, s.
         """
         waypoints = self._waypoints
         known = len(route)

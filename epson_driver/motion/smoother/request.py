@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's problem, request and answer, and the plan that is executed.
+"""The request to the planner, its plan, and the problem that it solves.
 
-They are data only, so that a separate process can plan. The computing effort of a plan is counted
-instead of timed, so that calls are reproducible. Its unit is 1 µs on one core of a PC of 2024,
-estimated from the counts that dominate the time.
+Requests and plans can be pickled, so that a separate process can plan. The computing effort of a
+plan is estimated from the dominant operations instead of measured, so that plans are reproducible.
+Its unit is 1 µs on one core of a PC of 2024.
 """
 
 import math
@@ -22,44 +22,46 @@ from epson_driver.motion.smoother.waypoints import Waypoint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """A planning request: from a state on a path through kept knots, then through points.
-
-    start: start time of the plan, s on the smoother's clock. None: it starts when it arrives, and
-    the arm rests until then. state: u and its derivatives at the start. kept: the knots that stay,
-    from the knot before the state, or a single one if the path starts there at rest. older: more
-    knots of the current path, for a plan that needs them. points: positions after the kept knots,
-    shape (m, n). clock: time at which each kept knot and point should be reached, shape (k + m,),
-    s with any origin. timed: whether the clock is commanded in the segment before it, shape (k +
-    m,). lag: delay of the state on this clock, s. pause: come to rest on the path as soon as
-    possible. horizon: approximate maximum planning horizon, s. urgent: whether a slow plan is
-    better than none. former: the current plan's timing from the state on, with all of its knots in
-    `older`.
-    whole: whether the trajectory ends at the last of the points.
-    catch_up: maximum ratio to the commanded speed for making up lost time.
-    """
+    """A planning request: a motion from a state, along k knots and then through m points."""
 
     start: float | None
+    """Start time of the plan on the smoother's clock, s. None: the arm is at rest, and the plan
+    starts when it arrives."""
     state: State
-    kept: Knots
-    older: Knots | None
+    """u and its derivatives at the start."""
+    knots: Knots
+    """First knots of the path, which are those of the current path from the one before `state`
+    on. A path from rest has a single knot."""
+    current_knots: Knots | None
+    """All knots of the current path from the one before `state` on, or None."""
     points: Array
+    """Positions after the knots, shape (m, n), rad."""
     clock: Array
+    """Time at which each knot and point should be reached, shape (k + m,), s, with any origin."""
     timed: npt.NDArray[np.bool_]
+    """Whether this time is commanded, or else estimated, shape (k + m,)."""
     lag: float
+    """Delay of the state relative to `clock`, s."""
     pause: bool
+    """Whether to come to rest on the path as soon as possible."""
     horizon: float
+    """Approximate maximum planning horizon, s."""
     urgent: bool
-    former: TimeParametrisation | None = None
+    """Whether a slow plan is better than none."""
+    current_timing: TimeParametrisation | None = None
+    """The current plan's timing from `state` on, along `current_knots`, or None."""
     whole: bool = False
+    """Whether the trajectory ends at the last point."""
     catch_up: float = math.inf
+    """Maximum ratio to the commanded speed for making up lost time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The motion from `start` (see Request): the path through knots, and the timing.
+    """A motion from `start` (see Request): a path through knots, and the timing on it.
 
-    The knots are the first ones of the request's kept knots and points.
-    proposer: name of the algorithm that found the timing.
+    The knots are the request's knots and points, or the first of them. proposer: name of the
+    algorithm that has found the timing.
     """
 
     start: float | None
@@ -69,60 +71,60 @@ class Plan:
 
 
 PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
-"""Types exchanged between a planner in a separate process and its caller."""
+"""Types that a planner in a separate process exchanges with its caller."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivePlan:
-    """The plan that is executed from the time `begin`, s: a path, and the timing on it.
+    """A plan that is executed from the time `start`, s.
 
-    route: the waypoint at each knot of the path. clocks: commanded time of each waypoint, s on the
-    clock of the points, shape (k,). pause: whether the plan comes to rest as soon as possible,
-    and not at the end of the path.
+    route: the waypoint at each knot of the path. clocks: time at which each waypoint should be
+    reached, shape (k,), s. pause: whether the plan comes to rest as soon as possible instead of at
+    the end of the path.
     """
 
     path: Path
     timing: TimeParametrisation
     route: list[Waypoint]
     clocks: Array
-    begin: float
+    start: float
     pause: bool
 
     @property
     def end(self) -> float:
         """Time at which the motion comes to rest at the end of the plan, s."""
-        return self.begin + self.timing.duration
+        return self.start + self.timing.duration
 
     @property
     def finished(self) -> bool:
-        """Whether it ends at a commanded rest that no merged point has moved since."""
+        """Whether the plan ends at a commanded rest whose position has not changed since."""
         last = self.route[-1]
         return last.rest is not None and bool(
             np.all(last.position == self.path.knots.position[-1])
         )
 
     def clock(self, time: float) -> float:
-        """Return the commanded time of the position at `time`, s on the clock of the points."""
-        u, _, _ = self.timing.at(time - self.begin)
+        """Return when the position at `time` should be reached, s, by `clocks`."""
+        u, _, _ = self.timing.at(time - self.start)
         return float(np.interp(u, self.path.knots.u, self.clocks))
 
 
 MAX_EFFORT_US = 46_000
-"""Maximum effort of a plan, without the constant part for the path and its speed bounds."""
+"""Maximum effort of a plan, µs."""
 
 NEWTON_STEP_US, ROW_US = 90, 0.032
-"""Cost of a Newton step of `interior_point`, and of each of its rows."""
+"""Effort of a Newton step of `interior_point`, and of each of its rows, µs."""
 
 VERIFICATION_US, PIECE_US = 600, 2.5
-"""Cost of the verification of a timing, and of each of its pieces."""
+"""Effort of the verification of a timing, and of each of its pieces, µs."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""Cost of a path with its speed bounds, and overhead of a round of Newton steps."""
+"""Effort of a path with its speed bounds, and of a round of Newton steps without the steps, µs."""
 
 
 @dataclass(slots=True)
 class Effort:
-    """The remaining effort, µs."""
+    """The remaining effort of a plan, `left`, µs."""
 
     left: float = MAX_EFFORT_US
 
@@ -132,16 +134,16 @@ class Effort:
         return self.left <= 0.0
 
     def spend(self, effort: float) -> None:
-        """Consume some effort."""
+        """Consume an effort, µs."""
         self.left -= effort
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """A fast motion from `start` to rest at the path's end within commanded speeds and limits.
+    """The problem of a fast motion along a path, from the state `start` to rest at its end.
 
-    commanded: places u, increasing, and the maximum u̇² there (linear between them), shape (c,)
-    each, or None: only the limits apply. effort: computing effort available for it.
+    commanded: some u, increasing, and the maximum u̇² there, shapes (c,). u̇² is linear between two
+    u. With None, only the limits apply. effort: the available computing effort.
     """
 
     path: Path
@@ -161,13 +163,19 @@ class Problem:
         return limit_usage(self.path, timing, self.limits)
 
     def fastest(self, first: Array) -> Array:
-        """Return the highest u̇ that the velocity limits allow, shape (m,), for q′ of (m, n)."""
+        """Return the highest u̇ that the velocity limits allow, shape (m,).
+
+        first: derivatives q′ of the path, shape (m, n).
+        """
         with np.errstate(divide='ignore'):
             bounds: Array = np.min(self.limits.velocity / np.abs(first), axis=1)
         return bounds
 
-    def wanted(self, us: Array, first: Array) -> Array:
-        """Return the wanted u̇ at every u, shape (m,), where the path has q′ = `first`."""
+    def target_speeds(self, us: Array, first: Array) -> Array:
+        """Return the highest u̇ that the velocity limits and `commanded` allow, shape (m,).
+
+        us: shape (m,). first: derivatives q′ of the path there, shape (m, n).
+        """
         fastest = self.fastest(first)
         if self.commanded is None:
             return fastest

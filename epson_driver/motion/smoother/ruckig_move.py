@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One jerk-limited Ruckig move along the path: the simplest possible timing, or a stop."""
+"""Timings that are a single jerk-limited move along the path, or a stop, found by Ruckig."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter
@@ -17,36 +17,32 @@ from epson_driver.motion.smoother.time_parametrisation import (
 )
 
 REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
-"""Candidate lengths of a move, in stopping distances of a joint at its velocity limit."""
+"""Lengths of a move that are tried, in stopping distances of a joint at its velocity limit."""
 
 SLOW_TIME_RATIO = 5.0
-"""A move is slow if it takes this many times longer than the highest speed and a stop would.
-
-A move has one maximum speed, so one sharp bend, even a short one, slows down all of it. Then a
-move that ends there is better, because another plan follows from there.
-"""
+"""Ratio above which a move is slow, of its duration to the duration at the highest speed plus a
+stop. A sharp bend slows down the whole move, because it has a single maximum speed. Then a move
+that ends before the bend is better."""
 
 HARDNESS_SHARES = (0.999, 0.9, 0.5, 0.2)
-"""Fractions of the acceleration and the jerk that the path's slope alone would allow.
-
-The first is slightly below 1, because rounding would exceed the limits on a path without bends.
-"""
+"""Fractions, which are tried, of the acceleration and jerk that the path's slope alone would
+allow. The first one is slightly below 1 because of rounding on a path without bends."""
 
 SPEED_BISECTIONS = 6
 
 MAX_SPEED = 10.0
-"""Maximum u̇. It is about 1 at full speed, and a path without motion allows any value."""
+"""Maximum u̇, for a path on which no joint moves. Otherwise u̇ is about 1 at full speed."""
 
 MIN_SPEED_SHARE = 3e-3
-"""Lowest speed that is tried, as a share of the highest speed."""
+"""Lowest speed that is tried, as a fraction of the highest speed."""
 
 
 def propose(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move with the highest mean speed, or None if none was found.
 
-    It may end before the end of the path. If all moves are slow, the result from rest is the
-    shortest one in time, and None while moving: the current plan ends soon, and a start from rest
-    has more options.
+    The move may end before the end of the path. If all moves are slow, return the one with the
+    shortest duration from rest, but None in motion, because the current plan ends soon and a start
+    from rest has more options.
     """
     limits = problem.limits
     unit = float(
@@ -75,14 +71,17 @@ def propose(problem: Problem) -> TimeParametrisation | None:
 
 
 def only_move(problem: Problem) -> TimeParametrisation | None:
-    """Return the verified move along a straight path to its end, the optimal timing, or None."""
+    """Return the verified, optimal move to the end of a straight path, or None."""
     velocity, acceleration, jerk = slope_bounds(problem, problem.end)
     hardness = HARDNESS_SHARES[0]
     return _fastest(problem, problem.end, velocity, acceleration * hardness, jerk * hardness)
 
 
 def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
-    """Return the sort key of a move: a move that is not slow is better, then a faster one."""
+    """Return the sort key of a move, which prefers moves that are not slow, then faster moves.
+
+    longest: duration above which a move is slow, s.
+    """
     if timing.duration > longest:
         return -timing.duration, 0.0
     return 0.0, (timing.end - float(timing.positions[0])) / timing.duration
@@ -91,9 +90,9 @@ def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
 def _fastest(
     problem: Problem, end: float, velocity: float, acceleration: float, jerk: float
 ) -> TimeParametrisation | None:
-    """Return the verified move with the highest speed, found by bisection.
+    """Return the verified move with the highest speed, found by bisection, or None.
 
-    A speed can also be too low: a state that is too fast for it makes the move reverse.
+    A speed can also be too low for the initial state, so that the move would reverse.
     """
     low, high = velocity * MIN_SPEED_SHARE, velocity
     result: TimeParametrisation | None = None
@@ -132,7 +131,10 @@ def stop(problem: Problem) -> TimeParametrisation | None:
 def gentle_stop(
     start: State, path: Path, limits: JointLimits, hardness: float = 0.5
 ) -> TimeParametrisation | None:
-    """Return a stop with a share of the slope's bounds at the start. It is not verified."""
+    """Return a stop that is not verified, or None.
+
+    hardness: fraction of the acceleration and jerk that the path's slope at the start allows.
+    """
     _, first, _ = path.at(start[0])
     with np.errstate(divide='ignore'):
         return brake(
@@ -145,7 +147,7 @@ def gentle_stop(
 def move(
     start: State, end: float, velocity: float, acceleration: float, jerk: float
 ) -> TimeParametrisation | None:
-    """Return the fastest move to rest at `end` within bounds on u̇, ü, u⃛."""
+    """Return the fastest move to rest at `end` within bounds of u̇, ü, u⃛, or None."""
     inp = InputParameter(1)
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
         [value] for value in start
@@ -160,7 +162,7 @@ def move(
 
 
 def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation | None:
-    """Return the fastest stop within bounds on ü, u⃛."""
+    """Return the fastest stop within bounds of ü, u⃛, or None."""
     inp = InputParameter(1)
     inp.control_interface = ControlInterface.Velocity
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
@@ -177,18 +179,18 @@ def _solved(inp: InputParameter) -> TimeParametrisation | None:
     if trajectory is None or trajectory.duration == 0.0:
         return None
     timing = from_ruckig(trajectory)
-    return timing if len(timing.jerks) else None  # practically at rest
+    return timing if len(timing.jerks) else None  # None: already at rest
 
 
 def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
-    """Return bounds on u̇, ü, u⃛ from q′ up to `end`."""
+    """Return upper bounds of u̇, ü, u⃛ on the path up to `end`, from its slope q′ alone."""
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
     limits = problem.limits
     fraction = np.max(np.abs(first), axis=0)
     steepest = np.where(fraction > 0.0, fraction, np.inf)
     return (
-        min(float(np.max(problem.wanted(us, first))), MAX_SPEED),
+        min(float(np.max(problem.target_speeds(us, first))), MAX_SPEED),
         float(np.min(np.where(fraction > 0.0, limits.acceleration / steepest, np.inf))),
         float(np.min(np.where(fraction > 0.0, limits.jerk / steepest, np.inf))),
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The smoother: makes one smooth motion of points while they arrive."""
+"""The smoother, which makes one smooth motion of points while they arrive."""
 
 import logging
 import math
@@ -21,22 +21,23 @@ log = logging.getLogger(__name__)
 class Smoother:
     """A smooth motion through streamed points, within every limit.
 
-    The arm rests at `position`, shape (n,), rad, at first. `step` advances time. Planning takes
-    time. By default `step` plans, and a plan takes effect `latency` s later. With `planner` None,
-    the caller plans each `request` elsewhere and passes the plan to `take`. `latency` is the time
-    allowed for this.
+    The motion starts from rest at `position`, shape (n,), rad. `step` advances time. By default,
+    `step` also plans, and a plan takes effect `latency` s later. With `planner` None, the caller
+    plans each `request` and passes the plan to `take` within `latency` s.
 
-    Whatever happens to the stream, the arm comes to rest at the last known point, never beyond.
-    If the next output of `step` would break a limit, the arm brakes from the last output, all
-    points are discarded, an error is logged, and `violations` is incremented. That is a defect of
-    this package. `violation` is the last one. An exception in the planner counts as no plan: the
-    current plan continues, which ends at rest, an error is logged, `planner_errors` is
-    incremented, and `planner_error` is the last exception. `observer` is called with every new
-    executed motion. A late motion catches up at most about `catch_up` times as fast as commanded.
-    With 1 it stays late.
+    If the stream of points ends, the arm comes to rest at the last point. Errors are logged, and
+    end at rest, too:
 
-    Raises ValueError if the start is not n finite numbers within the limits, or if `catch_up` is
-    below 1.
+    * If the next output of `step` would exceed a limit, which is a defect of this package, all
+      points are discarded, and the arm brakes from the last output. `violations` counts these
+      events, and `violation` is the last one.
+    * If the planner raises, the current plan continues. `planner_errors` counts these exceptions,
+      and `planner_error` is the last one.
+
+    `catch_up`: approximate maximum ratio to the commanded speed at which a late motion makes up
+    time. With 1 it stays late. `observer` is called with every new motion.
+
+    Raises ValueError if `position` is invalid or outside the limits, or `catch_up` is below 1.
     """
 
     def __init__(
@@ -59,20 +60,21 @@ class Smoother:
         self.violations = 0
         self.violation: Violation | None = None
 
-    # Input.
+    # --- input ------------------------------------------------------------------------------
 
     def append(self, position: Array, duration: float | None = None) -> None:
         """Append a point, shape (n,), rad.
 
-        `duration`: time from the previous point, s, or None: as fast as the limits allow. Raises
-        ValueError, and changes nothing, if a number is invalid or outside the position limits.
+        `duration`: time from the previous point, s. With None, the motion is as fast as the limits
+        allow. Raises ValueError, and changes nothing, if a number is invalid or outside the
+        position limits.
         """
         execution = self._execution
         self._waypoints.append(position, duration, execution.now, in_motion=execution.in_motion)
         self._replanning.news = True
 
     def finish(self) -> None:
-        """End the trajectory: rest at the last point. Later points start another trajectory."""
+        """End the trajectory with a rest at the last point. Later points start another one."""
         if self._waypoints.finish():
             self._replanning.news = True
 
@@ -82,17 +84,17 @@ class Smoother:
         self._execution.stop()
 
     def replace(self, points: Array, durations: Sequence[float | None] | None = None) -> None:
-        """Discard all points and move through others, shape (k, n), from any state.
+        """Discard all points, and move through other points, shape (k, n), from any state.
 
-        A moving arm leaves its motion for the first of them in joint space, and rests there for an
-        instant. An arm that is `held` comes to rest. Raises like `append`.
+        A moving arm moves in joint space to the first of them, where it rests for an instant. If
+        this is impossible, or the arm is `held`, it stops first. Raises like `append`.
         """
-        item = [None] * len(points) if durations is None else durations
-        if len(item) != len(points):
-            raise ValueError(f'{len(item)} durations for {len(points)} points')
+        times = [None] * len(points) if durations is None else durations
+        if len(times) != len(points):
+            raise ValueError(f'{len(times)} durations for {len(points)} points')
         checked = [
             self._waypoints.checked(point, duration, f'point {index}')
-            for index, (point, duration) in enumerate(zip(points, item, strict=True))
+            for index, (point, duration) in enumerate(zip(points, times, strict=True))
         ]
         move = None
         if self._execution.in_motion and checked and not self.held:
@@ -102,29 +104,29 @@ class Smoother:
             self._execution.stop()
         else:
             self._execution.move_off_the_path(move)
-        for point, duration in zip(checked, item, strict=True):
+        for point, duration in zip(checked, times, strict=True):
             self.append(point, duration)
 
     def change_limits(self, limits: JointLimits) -> None:
-        """Replace the limits. The position limits must be the same.
+        """Replace the limits. The points remain.
 
-        The points remain. Raises RuntimeError unless the arm is `at_rest`.
+        The position limits must be the same. Raises RuntimeError unless the arm is `at_rest`.
         """
         if not self.at_rest:
             raise RuntimeError('the limits of a motion cannot change: only at rest')
         paused = self._execution.plan
-        if paused is not None:  # its path is measured with the old velocity limits
+        if paused is not None:  # the path's u depends on the old velocity limits
             self._execution.rest_between(paused, paused.timing.end)
         self._waypoints.limits = limits
         self._replanning.start_over()
 
     @property
     def held(self) -> bool:
-        """Whether the arm rests on its path, or brakes for that, until `resume`."""
+        """Whether the arm is at rest on its path, or brakes to rest, until `resume`."""
         return self._execution.held
 
     def hold(self) -> None:
-        """Rest on the path and keep the points. A second call has no effect."""
+        """Come to rest on the path, and keep the points. A second call has no effect."""
         if not self.held:
             self._execution.held = True
             self._execution.clock_start = None
@@ -140,7 +142,7 @@ class Smoother:
         self._waypoints.forget()
         self._replanning.forget()
 
-    # Output.
+    # --- output -----------------------------------------------------------------------------
 
     def step(self, dt: float) -> Motion:
         """Advance time by `dt` s, and return the motion at the new time.
@@ -159,7 +161,10 @@ class Smoother:
         return self._guarded(dt)
 
     def _guarded(self, dt: float) -> Motion:
-        """Return the motion now if it may follow the output `dt` s ago. Otherwise brake."""
+        """Return the current motion, after a check against the output `dt` s ago.
+
+        If it exceeds a limit, brake from that output.
+        """
         motion = self.motion
         violation = self._guard.violation(motion, dt, self.limits)
         if violation is None:
@@ -178,7 +183,7 @@ class Smoother:
 
     @property
     def motion(self) -> Motion:
-        """The present commanded position, velocity and acceleration."""
+        """Current commanded position, velocity and acceleration."""
         return self._execution.motion
 
     @property
@@ -193,19 +198,22 @@ class Smoother:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves, has points ahead, or rests at a point for a commanded time."""
+        """Whether the arm moves, has points ahead, or is at rest for a commanded time."""
         execution, waypoints = self._execution, self._waypoints
         return (
             execution.in_motion
             or execution.next is not None
             or bool(waypoints.ahead)
-            or execution.beside_last
+            or execution.near_last
             or execution.now < waypoints.rest_until
         )
 
     @property
     def look_ahead(self) -> float:
-        """Known motion ahead, s: commanded time, or time at full speed without one."""
+        """Duration of the known motion, s, from the commanded times.
+
+        Segments without a commanded time count with their duration at full speed.
+        """
         execution, waypoints = self._execution, self._waypoints
         if execution.plan is None or execution.stopping:
             return waypoints.time_from_rest(execution.now)
@@ -216,7 +224,7 @@ class Smoother:
         """Number of points that the motion has not reached yet."""
         return len(self._waypoints.ahead)
 
-    # Limits and planning.
+    # --- limits and planning ----------------------------------------------------------------
 
     @property
     def limits(self) -> JointLimits:
@@ -238,13 +246,13 @@ class Smoother:
         self._replanning.latency = value
 
     def request(self) -> Request | None:
-        """Return the next planning request, or None. `take` its plan before the next one."""
+        """Return the next planning request, or None if none is due or one is pending."""
         return self._replanning.request()
 
     def take(self, answer: Plan | None) -> bool:
-        """Accept the plan for the last request and return whether it is used.
+        """Accept the plan for the last request. Return whether it is used.
 
-        None, or a plan that comes too late, changes nothing.
+        answer: the plan, or None if none was found. A plan that is too late is not used.
         """
         return self._replanning.take(answer)
 

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest speeds on a path without regard to jerk: the starting point of `optimal`.
+"""The fastest speeds on a path, mostly without regard to jerk, from which `optimal` starts.
 
-One pass backward and one forward over dx/du = 2ü for x = u̇² (Bobrow et al. 1985).
+The method integrates dx/du = 2ü, for x = u̇², once backward and once forward (Bobrow et al. 1985).
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from epson_driver.motion.smoother.request import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
-"""Shares of the acceleration limit: for the total acceleration, and for q″u̇² alone."""
+"""Fractions of the acceleration limit that are used for the total acceleration, and for q″u̇²."""
 
 MIN_SAMPLES = 160
-"""Minimum samples per path, with at least two per segment."""
+"""Minimum number of samples of a path. There are at least two per segment."""
 
 MANY_KNOTS = 400
-"""Number of knots from which one sample per segment is enough."""
+"""Number of knots above which there is one sample per segment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedProfile:
-    """u̇ at samples of u, and the time from the first sample, shapes (m,)."""
+    """Speeds u̇ at positions u, and the times from the first position, s, shapes (m,)."""
 
     positions: Array
     speeds: Array
@@ -33,9 +33,9 @@ class SpeedProfile:
 
 
 class SpeedBounds:
-    """The samples of one problem's path, and the speed bounds there, shapes (m,)."""
+    """Samples u of a problem's path, and bounds of u̇ there, shapes (m,)."""
 
-    __slots__ = ('_left', '_start', 'positions', 'speeds')
+    __slots__ = ('_max_acceleration', '_start', 'positions', 'speeds')
 
     def __init__(self, problem: Problem) -> None:
         self._start = problem.start
@@ -47,25 +47,26 @@ class SpeedBounds:
             twist = np.min(CURVATURE_SHARE * limits.jerk / np.abs(third), axis=1)
         self.positions = us
         self.speeds = np.minimum(
-            problem.wanted(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
+            problem.target_speeds(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
         )
-        # acceleration left for ü beside curvature, at the bound (conservative below it)
-        bend = np.abs(second) * self.speeds[:, None] ** 2
-        left = ACCELERATION_SHARE * limits.acceleration - bend
+        # the acceleration that the curvature leaves for ü at the speed bound
+        remaining = ACCELERATION_SHARE * limits.acceleration
+        remaining = remaining - np.abs(second) * self.speeds[:, None] ** 2
         with np.errstate(divide='ignore'):
-            self._left = np.min(left / np.abs(first), axis=1)
+            self._max_acceleration = np.min(remaining / np.abs(first), axis=1)
 
     def profile(self) -> SpeedProfile:
         """Return the fastest speeds from the problem's start to rest at its end.
 
-        A start above the bounds is followed by maximum braking.
+        If the start is faster than the bounds, maximum braking follows.
         """
         start, start_speed, _ = self._start
         ahead = self.positions > start + 1e-12
         us = np.concatenate(([start], self.positions[ahead]))
-        pace = self._left[ahead]
-        pace = np.concatenate((pace[:1], pace))
-        gain = (2.0 * np.diff(us) * np.minimum(pace[:-1], pace[1:])).tolist()
+        acceleration = self._max_acceleration[ahead]
+        acceleration = np.concatenate((acceleration[:1], acceleration))
+        gain = 2.0 * np.diff(us) * np.minimum(acceleration[:-1], acceleration[1:])
+        gain = gain.tolist()
         x = [start_speed**2, *(self.speeds[ahead] ** 2).tolist()]
         x[-1] = 0.0
         for i in range(len(gain) - 1, 0, -1):
@@ -83,9 +84,7 @@ def _samples(problem: Problem) -> Array:
     knots = problem.path.knots.u
     first = problem.path.segment(problem.start[0])
     knots = np.concatenate(([problem.start[0]], knots[first + 1 :]))
-    item = max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
-    if len(knots) > MANY_KNOTS:
-        item = 1
-    inside = np.arange(item) / item
+    count = 1 if len(knots) > MANY_KNOTS else max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
+    inside = np.arange(count) / count
     us = knots[:-1, None] + np.diff(knots)[:, None] * inside
     return np.concatenate((us.ravel(), knots[-1:]))

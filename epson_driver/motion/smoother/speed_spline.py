@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The square of the speed along a path, x(u) = u̇², as a quadratic B-spline between two ramps.
 
-ü = x′/2 and u⃛ = x″√x/2, so a limit on a joint at some u is a limit on three coefficients. At rest
-x ∝ u^(4/3), which no spline can represent, so the timing has constant jerk at its ends.
+ü = x′/2 and u⃛ = x″√x/2, so a joint's limit at some u is a constraint of three coefficients. Near
+rest, x ∝ u^(4/3), which is no polynomial. Therefore a timing starts and ends with a ramp of
+constant jerk.
 """
 
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ _GAUSS = _GAUSS + 0.5
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A ramp of constant jerk that starts or ends at rest. All zero if the arm already moves."""
+    """A ramp of constant jerk that starts or ends at rest. Without a ramp, both values are 0."""
 
     jerk: float
     time: float
@@ -48,9 +49,10 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedSpline:
-    """x(u) on N intervals between nodes, shape (N + 1,), between two ramps.
+    """x(u) on N intervals between two ramps.
 
-    coefficients: shape (N + 2,). Interval i uses i to i + 2.
+    nodes: ends of the intervals, shape (N + 1,). coefficients: shape (N + 2,). On interval i, x
+    depends on the coefficients i to i + 2.
     """
 
     start_ramp: Ramp
@@ -66,8 +68,8 @@ class SpeedSpline:
     def timing(self, start: State, end: float) -> TimeParametrisation | None:
         """Return the timing with the spline's u, u̇, ü at its nodes, or None if x is not positive.
 
-        Between two nodes it has three pieces of constant jerk and equal duration, the minimum for
-        matching u, u̇ and ü at both.
+        Between two nodes it has three pieces of constant jerk and equal duration, because fewer
+        cannot match u, u̇ and ü at both nodes.
         """
         h = self.lengths
         count = len(h)
@@ -91,9 +93,10 @@ class SpeedSpline:
 
 
 def basis(h: Array, interval: npt.NDArray[np.intp], part: Array) -> Array:
-    """Return the matrices from an interval's three coefficients to x, x′, x″, shape (m, 3, 3).
+    """Return the matrices from three coefficients to x, x′, x″ at m samples, shape (m, 3, 3).
 
-    There are m samples, each at a fraction (0 … 1) of an interval. h: lengths of the intervals.
+    h: lengths of all intervals, shape (N,). interval: index of each sample's interval, shape (m,).
+    part: position of each sample in its interval, [0, 1], shape (m,).
     """
     before = np.append(0.0, h[:-1])[interval]
     after = np.append(h[1:], 0.0)[interval]

@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Time parametrisations ("timings"): position on a path over time, u(t), from a start to a rest.
+"""Time parametrisations, called timings: the position u(t) on a path over time.
 
-u is the path parameter of `path`. A timing is a chain of pieces of constant jerk, so every value
-between its breakpoints is exact.
+u is the parameter of a path. A timing consists of pieces of constant jerk.
 """
 
 from dataclasses import dataclass
@@ -17,15 +16,16 @@ State = tuple[float, float, float]
 """Position u on the path, and its velocity and acceleration."""
 
 MIN_PIECE_S = 1e-9
-"""Ruckig pieces shorter than this (s) are rounding."""
+"""Duration below which a piece of a Ruckig trajectory is ignored as rounding, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeParametrisation:
-    """k pieces of constant jerk, with rest at the end.
+    """A timing of k pieces of constant jerk, which usually ends at rest.
 
-    times, positions, velocities, accelerations: shape (k + 1,), at the breakpoints, time from 0.
-    jerks: shape (k,).
+    times: start times of the pieces and the end, shape (k + 1,), s, from 0. positions, velocities,
+    accelerations: u and its derivatives at these times, shape (k + 1,). jerks: of the pieces,
+    shape (k,).
     """
 
     times: Array
@@ -36,12 +36,12 @@ class TimeParametrisation:
 
     @property
     def duration(self) -> float:
-        """Time until rest, s."""
+        """Time of the end, s."""
         return float(self.times[-1])
 
     @property
     def end(self) -> float:
-        """Position u at which the motion comes to rest."""
+        """Position u at the end."""
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:
@@ -59,7 +59,7 @@ class TimeParametrisation:
         )
 
     def sample(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """Return u, velocity, acceleration, jerk at times within the timing, all of one shape."""
+        """Return u, velocity, acceleration, jerk at times within the timing, in their shape."""
         piece = np.clip(self.times.searchsorted(times, side='right') - 1, 0, len(self.jerks) - 1)
         t = times - self.times[piece]
         u, v = self.positions[piece], self.velocities[piece]
@@ -71,20 +71,20 @@ class TimeParametrisation:
             j,
         )
 
-    def part(self, begin: float, end: float = np.inf) -> 'TimeParametrisation | None':
-        """Return the timing between two times, starting at 0, or None if it is empty.
+    def part(self, start: float, end: float = np.inf) -> 'TimeParametrisation | None':
+        """Return the timing between two times, s, or None if it is empty.
 
-        A part may end in motion.
+        Its times start at 0, and it may end in motion.
         """
-        begin, end = max(begin, 0.0), min(end, self.duration)
-        if not begin < end:
+        start, end = max(start, 0.0), min(end, self.duration)
+        if not start < end:
             return None
-        first = int(self.times.searchsorted(begin, side='right')) - 1
+        first = int(self.times.searchsorted(start, side='right')) - 1
         last = int(self.times.searchsorted(end, side='left'))
         inner = slice(first + 1, last)
-        (u, v, a), (end_u, end_v, end_a) = self.at(begin), self.at(end)
+        (u, v, a), (end_u, end_v, end_a) = self.at(start), self.at(end)
         return TimeParametrisation(
-            np.concatenate(([0.0], self.times[inner] - begin, [end - begin])),
+            np.concatenate(([0.0], self.times[inner] - start, [end - start])),
             np.concatenate(([u], self.positions[inner], [end_u])),
             np.concatenate(([v], self.velocities[inner], [end_v])),
             np.concatenate(([a], self.accelerations[inner], [end_a])),
@@ -92,7 +92,7 @@ class TimeParametrisation:
         )
 
     def then(self, next_: 'TimeParametrisation') -> 'TimeParametrisation':
-        """Concatenate with the timing that follows."""
+        """Return this timing followed by another one."""
         return TimeParametrisation(
             np.concatenate((self.times, self.duration + next_.times[1:])),
             np.concatenate((self.positions, next_.positions[1:])),
@@ -120,9 +120,9 @@ def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
 def from_pieces(
     start: State, durations: Array, jerks: Array, end: float | None = None
 ) -> TimeParametrisation:
-    """Return the timing from a state with constant jerks for durations, shapes (k,).
+    """Return the timing of pieces with constant jerks, shapes (k,), from a state to rest.
 
-    It must come to rest. `end`, the position of the rest, removes the rounding of the integration.
+    `end`: position of the rest, if known, which replaces the integrated position.
     """
     times = np.append(0.0, np.cumsum(durations))
     a = start[2] + np.append(0.0, np.cumsum(durations * jerks))
@@ -137,10 +137,11 @@ def from_pieces(
 
 # from the jerk's integrals over three equal times (once, twice, three times) to the jerks
 _THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
+"""Matrix from the relative changes of a, v and u between two states to three jerks."""
 
 
 def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametrisation:
-    """Return the timing through states, shapes (k + 1,), in three equal times between two."""
+    """Return the timing through states, shapes (k + 1,), with three equal pieces between two."""
     t = np.diff(times)
     integrals = np.stack(
         [
