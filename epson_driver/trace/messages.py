@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a recording, in both directions, in the recorded order."""
+"""The simple message frames of a recording, in both directions and in the recorded order."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -18,11 +18,11 @@ from epson_driver.simple_message import (
 from epson_driver.trace.recording import Step
 
 USUAL_PORTS = {11000: 'motion', 11002: 'state', 11003: 'io', 50240: 'motion', 50241: 'state'}
-"""Default role of a port whose traffic does not identify it."""
+"""Default role of a port whose messages do not show its role."""
 
 ROLES = ('motion', 'state', 'io')
 
-TELLS = {
+ROLE_OF_TYPE = {
     MessageType.JOINT_POSITION: 'state',
     MessageType.JOINT_FEEDBACK: 'state',
     MessageType.STATUS: 'state',
@@ -35,15 +35,15 @@ TELLS = {
     MessageType.IO_WRITE: 'io',
     MessageType.IO_STREAM_SUB: 'io',
 }
-"""Role of a port, by the topics that the controller sends and the requests that it receives."""
+"""Role of a port, by the type of a topic from the controller or of a request to it."""
 
 
 class MessagesError(ValueError):
-    """A recording without a controller's messages, with the reason as its text."""
+    """A recording without messages of a single controller. The text is the reason."""
 
 
 class Kind(Enum):
-    """Type of an entry: REQUEST by the driver, or SEND, END or RESET by the controller."""
+    """Type of an entry: OPEN or REQUEST by the driver, or SEND, END or RESET by the controller."""
 
     OPEN = auto()
     REQUEST = auto()
@@ -54,14 +54,17 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry at `time`, s from the start, never before the previous entry."""
+    """One event of a recording.
+
+    `time` is in s from the start of the recording, and never before the previous entry.
+    """
 
     time: float
     kind: Kind
     connection: int
     data: bytes = b''
     frame: Frame | None = None
-    """The data as a frame, if it is one."""
+    """The data as a frame, or None if it is no frame."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Messages:
 
 
 class Splitter:
-    """Splits a stream into frames, and passes on bytes that are no frame."""
+    """Splitter of a stream of bytes into frames."""
 
     def __init__(self) -> None:
         self._framer = Framer()
@@ -84,7 +87,10 @@ class Splitter:
         self._broken = False
 
     def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | None]]:
-        """Yield bytes and their frame, or None from the first bytes that cannot be a frame."""
+        """Yield the bytes of each frame, and the frame.
+
+        From an invalid frame on, all bytes are yielded with None.
+        """
         self._bytes += data
         self._framer.receive_data(data)
         while not self._broken:
@@ -99,7 +105,7 @@ class Splitter:
         yield from self.rest()
 
     def rest(self) -> Iterator[tuple[bytes, None]]:
-        """Yield the incomplete frame at the end, if any."""
+        """Yield the bytes of an incomplete frame, if there are any, with None."""
         if self._bytes:
             yield self._taken(len(self._bytes)), None
 
@@ -110,9 +116,10 @@ class Splitter:
 
 
 def messages_of(steps: Sequence[Step], controller: str | None = None) -> Messages:
-    """Return the messages of a recording. Choose a controller's address if it has several.
+    """Return the messages of a recording. controller: its IP address, if there are several.
 
-    Connections with another protocol than simple message are ignored. Raises MessagesError.
+    Connections with another protocol than simple message are ignored. Raises MessagesError if
+    there is no controller, if there are several, or if two ports have the same role.
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
@@ -170,12 +177,12 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
 
 
 def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
-    """Return the role of each port."""
+    """Return the role of each port, by port. Raises MessagesError if two have the same role."""
     roles: dict[int, str] = {}
     for entry in entries:
-        told_by = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST
-        if entry.frame is not None and entry.frame.comm_type == told_by:
-            role = TELLS.get(entry.frame.msg_type)  # type: ignore[call-overload]
+        expected = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST
+        if entry.frame is not None and entry.frame.comm_type == expected:
+            role = ROLE_OF_TYPE.get(entry.frame.msg_type)  # type: ignore[call-overload]
             if role is not None:
                 roles.setdefault(port_of[entry.connection], role)
     for port in sorted(set(port_of.values()) - set(roles)):

@@ -1,12 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and writes classic pcap files of TCP conversations. No sockets, no clock.
+"""Reads and writes classic pcap files of TCP conversations, without sockets or clock.
 
-The packets sent by the kernel are not known here. The writer makes packets that carry the bytes in
-a regular TCP conversation, with handshake, sequence numbers, acknowledgements, checksums and FIN.
-The reader also accepts captures of tcpdump and Wireshark, including retransmissions.
+The writer does not have the packets that the kernel sent. It creates packets of a regular TCP
+conversation with the same bytes, including handshake, sequence numbers, acknowledgements,
+checksums and FIN. The reader also accepts captures of tcpdump and Wireshark, including
+retransmissions.
 
-The format: draft-ietf-opsawg-pcap. Packets: RFC 791, 8200, 9293.
+The file format is specified in draft-ietf-opsawg-pcap, and the packets in RFC 791, 8200, 9293.
 """
 
 import functools
@@ -20,16 +21,17 @@ from typing import Protocol
 from epson_driver.link.connection import Address
 
 MAX_SEGMENT_BYTES = 16384
-"""Maximum data of a segment. Longer data is split, as an IPv4 packet is at most 65,535 bytes."""
+"""Maximum data of a segment, bytes. Longer data is split, because an IPv4 packet has at most
+65,535 bytes."""
 
 MAX_UNACKNOWLEDGED_BYTES = 16384
-"""Maximum unacknowledged data of one side, well within the window of 65,535 bytes."""
+"""Maximum unacknowledged data of one side, bytes. The TCP window is 65,535."""
 
 MICROSECONDS = 0xA1B2C3D4
 NANOSECONDS = 0xA1B23C4D
 PCAPNG = 0x0A0D0D0A
 MAX_RECORD_BYTES = 262144
-"""The limit of tcpdump. A longer record means that the file is damaged."""
+"""Maximum length of a packet, bytes, as in tcpdump. A longer packet is a sign of damage."""
 
 _FILE_HEADER = struct.pack('<IHHiIII', MICROSECONDS, 2, 4, 0, 0, MAX_RECORD_BYTES, 1)
 _RECORD = struct.Struct('<IIII')
@@ -42,16 +44,16 @@ _TCP_PROTOCOL = 6
 _FIRST_SEQUENCE = 1000
 
 LINK_HEADERS = {0: 4, 1: 14, 12: 0, 101: 0, 113: 16, 276: 20}
-"""Bytes before the IP header, by the file's link type: BSD loopback, Ethernet, raw IP (twice),
-Linux cooked (`tcpdump -i any`) in both versions."""
+"""Bytes before the IP header, by link type: BSD loopback, Ethernet, raw IP (twice), and Linux
+cooked (`tcpdump -i any`) in both versions."""
 
 
 class PcapError(ValueError):
-    """A file that cannot be read as a capture, with the reason as its text."""
+    """A file that cannot be read as a capture. The text is the reason."""
 
 
 class Flag:
-    """The flags of a TCP segment that are used here. Plain numbers, because IntFlag is slow."""
+    """Flags of a TCP segment, as plain numbers, because IntFlag is slow."""
 
     FIN = 1
     SYN = 2
@@ -61,7 +63,7 @@ class Flag:
 
 
 class Sink(Protocol):
-    """The destination of packets: a binary file, or an object like one."""
+    """Destination of packets, such as a binary file."""
 
     def write(self, data: bytes, /) -> object:
         """Write bytes."""
@@ -80,7 +82,7 @@ class Segment:
 
 
 class PcapWriter:
-    """Writes the file's header immediately, and then each packet. `size` counts bytes."""
+    """Writer of a pcap file, which starts with the header. `size`: bytes written so far."""
 
     def __init__(self, sink: Sink) -> None:
         self.size = 0
@@ -99,7 +101,10 @@ class PcapWriter:
 
 
 class _Side:
-    """One end of a conversation: its headers, and the bytes it has sent and acknowledged."""
+    """One end of a conversation, which creates its packets.
+
+    `sequence`: sequence number of the next packet. `acknowledged`: last acknowledgement.
+    """
 
     def __init__(self, own: Address, other: Address, own_mac: bytes, other_mac: bytes) -> None:
         source, target = _packed(own[0]), _packed(other[0])
@@ -120,8 +125,8 @@ class _Side:
         bare = _TCP.pack(source, target, *fields, 0, 0)
         check = _checksum(self._pseudo_sum + length + _sum(bare) + _sum(data))
         tcp = _TCP.pack(source, target, *fields, check, 0)
-        turns = bool(flags & (Flag.SYN | Flag.FIN))  # both use one sequence number
-        self.sequence = (self.sequence + len(data) + turns) & 0xFFFFFFFF
+        control = bool(flags & (Flag.SYN | Flag.FIN))  # both use one sequence number
+        self.sequence = (self.sequence + len(data) + control) & 0xFFFFFFFF
         self.acknowledged = acknowledge
         return self._ethernet + self._ip(length) + tcp + data
 
@@ -136,9 +141,9 @@ class _Side:
 
 
 class Conversation:
-    """One connection, from its handshake to its end, as packets in a file.
+    """Writer of one connection, from its handshake to its end, as packets in a file.
 
-    Times are ns since 1970 and are written unchanged.
+    Times are in ns since 1970.
     """
 
     def __init__(self, writer: PcapWriter, client: Address, server: Address, time_ns: int) -> None:
@@ -191,9 +196,9 @@ def _text(address: bytes) -> str:
 
 
 def _sum(data: bytes) -> int:
-    """Return a number with the same checksum as the data's 16 bit words (RFC 1071).
+    """Return the sum of the data's 16 bit words modulo 65,535 (RFC 1071).
 
-    65,536 is 1 modulo 65,535, so the data as one large number has this checksum.
+    65,536 is 1 modulo 65,535, so the data as one large number has the same remainder.
     """
     return int.from_bytes(data + b'\0' if len(data) % 2 else data) % 0xFFFF
 
@@ -206,10 +211,10 @@ def _checksum(total: int) -> int:
 
 
 def read_segments(data: bytes) -> Iterator[Segment]:
-    """Yield the TCP segments of a classic pcap file in file order, without other packets.
+    """Yield the TCP segments of a classic pcap file, in the order of the file.
 
-    An incomplete packet at the end of the file (the writer was killed) is ignored. Raises
-    PcapError for anything except a classic capture of IP packets.
+    Other packets are ignored, and so is an incomplete packet at the end, which is normal if the
+    writer was killed. Raises PcapError if the file is damaged or no classic capture of IP packets.
     """
     order, scale, link_type = _file_header(data)
     skip = LINK_HEADERS[link_type]
@@ -230,7 +235,7 @@ def read_segments(data: bytes) -> Iterator[Segment]:
 
 
 def _file_header(data: bytes) -> tuple[str, float, int]:
-    """Return byte order, unit of a time's fraction in s, and link type."""
+    """Return the byte order, the unit of a time's fraction, s, and the link type."""
     if len(data) < 24:
         raise PcapError('not a capture: shorter than the header of one')
     for order in '<>':
@@ -246,7 +251,7 @@ def _file_header(data: bytes) -> tuple[str, float, int]:
 
 
 def _segment(packet: bytes, time: float) -> Segment | None:
-    """Return the TCP segment in an IP packet, or None if it has none or is incomplete."""
+    """Return the TCP segment in an IP packet, or None if it has none or is invalid."""
     if not packet:
         return None
     if packet[0] >> 4 == 4 and len(packet) >= _IPV4.size:
@@ -277,7 +282,7 @@ def _segment(packet: bytes, time: float) -> Segment | None:
 
 @dataclass(slots=True)
 class Stream:
-    """One direction of a conversation during its reassembly."""
+    """Reassembly of one direction of a conversation."""
 
     next_sequence: int | None = None
     waiting: dict[int, bytes] = field(default_factory=dict)
@@ -287,7 +292,10 @@ class Stream:
     _taken: int = 0
 
     def take(self, segment: Segment) -> bytes:
-        """Return new bytes in order, without repetitions. Data after a gap is stored."""
+        """Return the bytes that continue the stream, without repetitions.
+
+        Data after a gap is stored until the gap is filled.
+        """
         sequence = (segment.sequence + bool(segment.flags & Flag.SYN)) & 0xFFFFFFFF
         if self.next_sequence is None or segment.flags & Flag.SYN:
             self.next_sequence = sequence

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A capture as the events of its connections, in order, without TCP's details."""
+"""Reads a capture file as the events of its TCP connections."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,10 @@ CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One event of the connection `number`, counted from 0, at `time`, s since 1970."""
+    """One event of a connection.
+
+    `time`: s since 1970. `number`: the connection, counted from 0.
+    """
 
     time: float
     number: int
@@ -40,7 +43,7 @@ class _Connection:
 
     @property
     def gap(self) -> str:
-        """Sentence on data after a missing packet, or ''."""
+        """Sentence on a missing packet, or '' if none is missing."""
         lost = sum(
             len(data) for stream in self.streams.values() for data in stream.waiting.values()
         )
@@ -50,7 +53,7 @@ class _Connection:
         )
 
     def steps(self, segment: Segment) -> list[Step]:
-        """Return the events of a packet."""
+        """Return the new events of a packet."""
         by_client = segment.source == self.client
         steps = []
         data = self.streams[segment.source].take(segment)
@@ -69,7 +72,7 @@ class _Connection:
 
 
 class DamagedError(PcapError):
-    """A file with an invalid packet, with the `steps` before it."""
+    """A file with an invalid packet. `steps`: the events before it."""
 
     def __init__(self, text: str, steps: list[Step]) -> None:
         super().__init__(text)
@@ -79,10 +82,10 @@ class DamagedError(PcapError):
 def read_recording(path: Path, gaps: list[str] | None = None) -> list[Step]:
     """Return all events of all connections in a pcap file.
 
-    A connection whose start was not captured starts with its first packet, and its lower port is
-    assumed to be the server's. `gaps` receives a sentence for each connection with a missing
-    packet. Raises PcapError, DamagedError if a part could be read, or InputError if the file
-    cannot be read.
+    If the start of a connection was not captured, it starts with its first packet, and its lower
+    port is assumed to be the server's. A sentence is appended to `gaps` for each connection with a
+    missing packet. Raises DamagedError if only a part of the file is valid, PcapError if no part
+    is, or InputError if the file cannot be read.
     """
     steps: list[Step] = []
     try:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records everything that links send and receive into a pcap file.
 
-The event loop makes the packets and a thread writes them, so a slow disk never delays a frame. The
-trace ends automatically if the file is full, the disk fails, or the disk cannot keep up. The links
-are not affected.
+The event loop creates the packets and a thread writes them, so a slow disk never delays a message.
+The trace ends if the file reaches its maximum size, the disk fails, or the disk is too slow. The
+links are not affected.
 """
 
 import contextlib
@@ -24,13 +24,13 @@ from epson_driver.link.link import Link
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
 WRITE_PERIOD_S = 0.2
-"""Period of the thread's writes, s: the most that is lost if the process is killed."""
+"""Period at which the thread writes, s. If the process is killed, at most this time is lost."""
 
 MAX_UNWRITTEN_BYTES = 16 * 1024 * 1024
-"""Maximum buffer for a slow disk, bytes. Beyond it the trace ends."""
+"""Maximum size of the buffer, bytes. If the disk is slower, the trace ends."""
 
 END_TIMEOUT_S = 1.0
-"""Maximum wait for the disk at the end of the driver, s."""
+"""Maximum time to wait for the disk when the driver ends, s."""
 
 MEGABYTE = 1_000_000
 DEFAULT_MAX_BYTES = 100 * MEGABYTE
@@ -39,17 +39,18 @@ _log = logging.getLogger(__name__)
 
 
 class TraceError(OSError):
-    """Failure to start or continue a trace, with the reason as its text."""
+    """Failure to start or continue a trace. The text is the reason."""
 
 
 def open_trace(folder: str, name: str) -> BinaryIO:
-    """Open a new trace file in a folder, which is created if missing (`~`: home).
+    """Open a new trace file in a folder, which is created if missing. `~` is the home folder.
 
-    strftime codes such as `%Y%m%d-%H%M%S` in the name are expanded. The result must be a file
-    name without a folder. This may block on the disk, so never call it in the event loop.
+    strftime codes such as `%Y%m%d-%H%M%S` in the name are expanded. The function may block on the
+    disk, so it must not be called in the event loop.
 
-    Raises TraceError. An existing file or symbolic link is never overwritten or followed, even if
-    the link is dangling: it may be the trace of a failure before a restart.
+    Raises TraceError if the folder is empty, the name is invalid or contains a folder, or the file
+    cannot be created. An existing file is never overwritten, because it may be the trace of a
+    failure before a restart. A symbolic link is never followed.
     """
     if not folder:
         raise TraceError('no trace: the parameter trace_folder is empty')
@@ -74,10 +75,10 @@ def open_trace(folder: str, name: str) -> BinaryIO:
 
 
 class Trace:
-    """Records links. Call `begin` and `end` in the event loop, at any time.
+    """Recorder of links. `begin` and `end` must be called in the event loop.
 
-    A trace ends when its file reaches `largest` bytes. This attribute may be set at any time.
-    `clock` returns the wall clock in ns since 1970.
+    A trace ends when its file reaches `largest` bytes, which may be set at any time. `clock`
+    returns the time in ns since 1970.
     """
 
     def __init__(self, links: Iterable[Link], clock: Callable[[], int] = time.time_ns) -> None:
@@ -90,10 +91,10 @@ class Trace:
         self._conversations: dict[Link, Conversation] = {}
 
     def begin(self, file: BinaryIO) -> None:
-        """Record into an open file, which is closed at the end.
+        """Start to record into an open file, which is closed at the end of the trace.
 
-        An existing connection is recorded as if it started now, with the bytes received so far of
-        its unfinished frame.
+        An existing connection is recorded as if it started now, with the bytes of an incomplete
+        frame that have already been received.
         """
         self.end('replaced by another trace')
         self._name = str(file.name)
@@ -107,11 +108,11 @@ class Trace:
                 if link.unread:
                     self._take(link, WireEvent.RECEIVED, link.unread)
 
-    def end(self, why: str, patience: float = 0.0) -> None:
-        """Write the rest and close the file, if one is open.
+    def end(self, why: str, timeout: float = 0.0) -> None:
+        """End the trace, if there is one, and close its file.
 
-        Waits up to `patience` s, then continues in the background. Use a timeout for the last
-        trace of a process.
+        Waits up to `timeout` s for the disk, then continues in the background. Use a timeout for
+        the last trace of a process. `why`: the reason, for the log.
         """
         file = self._file
         if file is None:
@@ -120,10 +121,10 @@ class Trace:
         for link in self._links:
             link.trace = None
         self._conversations.clear()
-        file.close(f'after {self._writer.size} bytes: {why}', patience)
+        file.close(f'after {self._writer.size} bytes: {why}', timeout)
 
     def _take(self, link: Link, event: WireEvent, data: bytes) -> None:
-        """Record one event. End the trace on any error."""
+        """Record one event of a link. End the trace on any error, or if the file is full."""
         try:
             self._record(link, event, data)
         except TraceError:
@@ -160,14 +161,14 @@ class Trace:
 
 
 class _Nowhere:
-    """A sink that discards everything, before the first trace."""
+    """A sink that discards everything. It is used before the first trace."""
 
     def write(self, data: bytes, /) -> None:
         """Discard the bytes."""
 
 
 class _BackgroundFile:
-    """A file written by a separate thread. `write` never waits. The end is logged."""
+    """A file that a separate thread writes, so that `write` never waits. It logs its end."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -176,14 +177,14 @@ class _BackgroundFile:
         self._closing = threading.Event()
         self._why = ''
         self._error = ''
-        in_context = copy_context().run  # keeps the robot's context for its log messages
+        in_context = copy_context().run  # the context of log messages
         self._thread = threading.Thread(
             target=in_context, args=(self._run,), name='trace', daemon=True
         )
         self._thread.start()
 
     def write(self, data: bytes, /) -> None:
-        """Buffer bytes. Raises TraceError if the disk failed or does not keep up."""
+        """Buffer bytes. Raises TraceError if the disk has failed or is too slow."""
         with self._lock:
             if len(self._unwritten) > MAX_UNWRITTEN_BYTES:
                 self._fail(f'the disk is too slow, {len(self._unwritten)} bytes are pending')
@@ -191,11 +192,11 @@ class _BackgroundFile:
                 raise TraceError(self._error)
             self._unwritten += data
 
-    def close(self, why: str, patience: float) -> None:
-        """Write the rest in the background, and wait up to `patience` s for it."""
+    def close(self, why: str, timeout: float) -> None:
+        """Write the rest in the background and close the file. Wait up to `timeout` s for this."""
         self._why = why
         self._closing.set()
-        self._thread.join(patience)
+        self._thread.join(timeout)
 
     def _run(self) -> None:
         try:
