@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions of the tool as joint trajectories: lines, arcs, their blends, and sequences of them."""
+"""Motions of the tool as joint trajectories: lines, arcs, blends, and sequences of motions."""

@@ -1,12 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Moves that are straight in joint space, with rounded corners between them: one run.
+"""Straight moves in joint space with blends between them.
 
-A blend leaves one move, and reaches the next, at a tool distance from the corner of at most its
-radius, and the tool stays within this distance in between. The corner is cut symmetrically in
-joint space: the joints need equal times at full speed before and after it. The transition has two
-continuous derivatives, and the joints stay between the positions of the moves, so within every
-range.
+In a blend, the tool stays within the blend radius of the corner. The blend cuts the corner
+symmetrically: at full speed, the joints need equal times before and after it. It has two
+continuous derivatives, and the joints stay between the positions of the moves, and so within their
+ranges.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,32 +24,36 @@ from epson_driver.tool_motion.pose_path import BlendError
 from epson_driver.tool_motion.speed_profile import PartLimits, highest, share_of_limits
 
 LOOKS = 100
-"""Samples of each part of a run: moves, and blends between them."""
+"""Number of samples of each move and of each blend."""
 
 STEP_RAD = 0.01
-"""Sampling step of a move for the distance of the tool from its corner, rad or m."""
+"""Sampling step of a move for the distance of the tool from a corner, rad or m."""
 
 MIN_LOOKS, MAX_LOOKS = 50, 2000
 
 SHRINK = 0.8
-"""Factor for each reduction of a blend until the tool stays within its radius."""
+"""Factor by which a blend is reduced repeatedly until the tool stays within the radius."""
 
 MAX_SHRINKS = 60
 
 ACCURACY_SHARE = 0.1
-"""Maximum distance of the line between two sent points from the run, as a share of the smallest
-radius."""
+"""Maximum distance of the tool from the path between two sent points, as a fraction of the
+smallest radius."""
 
 SHORTEST_MOVE_S = 1e-6
-"""Duration at full speed up to which a move counts as none."""
+"""Minimum duration of a move at full speed, s."""
 
 RESERVE_SHARE = 0.01
-"""Share of the limits in reserve in a blend, because its derivatives are sampled LOOKS times."""
+"""Fraction of the limits that is reserved in a blend, whose derivatives are only sampled."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Polynomials over a part's fraction, shape (6, n), rad (m), and its size, s at full speed."""
+    """A move without its blends, or a blend.
+
+    size: duration at full speed, s. coefficients: of the joints' polynomials of the fraction of
+    the part, shape (6, n), rad (m). blend: whether the part is a blend.
+    """
 
     size: float
     coefficients: Array
@@ -58,7 +61,7 @@ class _Part:
     blend: bool
 
     def derivative(self, shares: Array, order: int = 0) -> Array:
-        """Return a derivative by the fraction, at fractions of shape (m,): (m, n)."""
+        """Return a derivative of the joints by the fraction, shape (m, n), at fractions, (m,)."""
         return polynomial(self.coefficients, shares, order)
 
 
@@ -70,11 +73,12 @@ def blended_joints(
     limits: Sequence[JointLimits],
     look: Look = lambda: None,
 ) -> TimedRun:
-    """Return the fastest motion from rest to rest, straight to each target except in the blends.
+    """Return the fastest motion from rest to rest, straight in joint space except in blends.
 
-    targets: joint positions, shape (n,). radii: blend radius at each target except the last, at
-    the tool, m. limits: limits of each move. A blend respects the limits of both moves. Raises
-    BlendError, with the index of the target, for a blend that does not fit, and PathError.
+    targets: end of each move, shape (n,). radii: blend radius of the tool at the end of each move
+    except the last, m. limits: limits of each move. A blend respects the limits of both moves.
+    Raises BlendError if a blend does not fit or a move has no length, or PathError if no motion is
+    possible.
     """
     parts = _parts(kinematics, [start, *targets], radii, limits, look)
     seams = np.concatenate([[0.0], np.cumsum([part.size for part in parts])])
@@ -98,7 +102,7 @@ def blended_joints(
         [_part_limits(part) for part in parts],
         ends,
         accuracy=ACCURACY_SHARE * min(radii),
-        slow=True,  # only for the rounding of sampled derivatives, as the parts respect the limits
+        slow=True,  # only because of rounding: the parts respect the limits
     )
 
 
@@ -109,7 +113,10 @@ def _parts(
     limits: Sequence[JointLimits],
     look: Look,
 ) -> list[_Part]:
-    """Return moves and the blends between them. Raises BlendError."""
+    """Return the moves, and the blends between them.
+
+    Raises BlendError if a blend does not fit or a move has no length.
+    """
     steps = [last - first for first, last in pairwise(corners)]
     sizes = [
         float(np.max(np.abs(step) / maximum.velocity))
@@ -148,7 +155,7 @@ def _parts(
 
 
 def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
-    """Return the tool positions for joints of shape (m, n): shape (m, 3), m."""
+    """Return the tool positions, shape (m, 3), m, for joint positions, shape (m, n)."""
     positions = np.empty((len(joints), 3))
     for index, item in enumerate(joints):
         look()
@@ -159,9 +166,10 @@ def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
 def _share_within(
     positions: Callable[[Array], Array], corner: Array, step: Array, radius: float, index: int
 ) -> float:
-    """Return the fraction of a step from a corner at which the tool is `radius` m away from it.
+    """Return the first fraction of a move from a corner at which the tool is `radius` m away.
 
-    Raises BlendError with the index of the move if the tool never is.
+    step: the move, shape (n,). Raises BlendError, with `index`, if the tool is never that far
+    away.
     """
     count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_LOOKS, MAX_LOOKS))
     (origin,) = positions(corner[None, :])
@@ -192,11 +200,12 @@ def _blend(
     radius: float,
     index: int,
 ) -> tuple[float, Array]:
-    """Return a blend at a corner: its extent to each side, s at full speed, and its polynomials.
+    """Return the extent of a blend to each side of a corner, s at full speed, and its polynomials.
 
-    positions: returns the tool's positions at joints. rates: the joints' full velocities before
-    and after the corner. room: maximum extent. The extent is reduced until the tool stays within
-    `radius`, m, of the corner. Raises BlendError with `index` if no extent is small enough.
+    positions: function for the tool's positions. rates: the joints' velocities at full speed
+    before and after the corner. room: maximum extent. The extent is reduced until the tool stays
+    within `radius`, m, of the corner. Raises BlendError, with `index`, if no extent is small
+    enough.
     """
     (origin,) = positions(corner[None, :])
     shares = np.linspace(0.0, 1.0, LOOKS + 1)
@@ -215,7 +224,7 @@ def _blend(
 
 
 def _both(first: JointLimits, second: JointLimits) -> JointLimits:
-    """Return the stricter of two limits, for each quantity and joint."""
+    """Return the lower of two velocity, acceleration and jerk limits, for each joint."""
     return replace(
         first,
         **{
@@ -226,7 +235,7 @@ def _both(first: JointLimits, second: JointLimits) -> JointLimits:
 
 
 def _part_limits(part: _Part) -> PartLimits:
-    """Return the limits along a part within which the joints respect their limits."""
+    """Return limits of the motion along a part with which all joints respect their limits."""
     shares = np.linspace(0.0, 1.0, LOOKS + 1 if part.blend else 2)
     first, second, third = (
         np.max(np.abs(part.derivative(shares, order)), axis=0) / part.size**order

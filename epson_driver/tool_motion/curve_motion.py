@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion along a curve in joint space from rest to rest, and stops during it, within every limit.
+"""Motions along a curve in joint space from rest to rest, and stops on it, within every limit.
 
-The speed limit follows from the largest derivatives of the curve, so no limit is exceeded at any
-instant. If some joint moves far near a singularity, the whole motion is slow.
+One speed limit applies to the whole curve. It follows from the largest derivatives, so the joints
+respect their limits at every instant. If a joint moves fast at one point, e.g. near a singularity,
+the whole motion is slow.
 """
 
 from dataclasses import dataclass
@@ -16,12 +17,12 @@ from epson_driver.tool_motion.speed_profile import share_of_limits
 MIN_SAMPLES = 5
 
 HALVINGS = 50
-"""Bisection steps for full precision."""
+"""Bisection steps, which reach full precision."""
 
 
 @dataclass(frozen=True, slots=True)
 class CurveSpeed:
-    """Intended speed along the curve, in fractions of it: 1/s, 1/s², 1/s³, all above 0."""
+    """Limits of the motion along a curve, in fractions of the curve per s, s², s³, all above 0."""
 
     velocity: float
     acceleration: float
@@ -29,10 +30,9 @@ class CurveSpeed:
 
 
 class Curve:
-    """A cubic spline through k ≥ 5 samples at even fractions of it, shape (k, n), rad.
+    """A cubic spline through k ≥ 5 samples at evenly spaced fractions, shape (k, n), rad.
 
-    Its second derivative is continuous, its third is constant between two samples. Raises
-    ValueError for other samples.
+    The second derivative is continuous. Raises ValueError if the samples are invalid.
     """
 
     def __init__(self, samples: Array) -> None:
@@ -51,7 +51,7 @@ class Curve:
         self._jumps = np.diff(self._bends, axis=0) / self._step
 
     def at(self, share: float) -> tuple[Array, Array, Array]:
-        """Return position, first and second derivative at a fraction 0 … 1, shapes (n,)."""
+        """Return position, first and second derivative at a fraction, [0, 1], shapes (n,)."""
         share = min(max(share, 0.0), 1.0)
         index = min(int(share / self._step), len(self.samples) - 2)
         u = share - index * self._step
@@ -81,11 +81,11 @@ class Curve:
 
     @property
     def most(self) -> tuple[Array, Array, Array]:
-        """Bounds of the magnitudes of the first three derivatives, shapes (n,)."""
+        """Upper bounds of the magnitudes of the first three derivatives, shapes (n,)."""
         slopes = [np.abs(self._slope(index)) for index in range(len(self.samples) - 1)]
         slopes.append(np.abs(self.at(1.0)[1]))
         bend = np.max(np.abs(self._bends), axis=0)
-        # between samples the slope differs from the nearer one by at most half a step's bend
+        # between two samples, the slope changes by at most bend · step / 2 from the nearer sample
         slope = np.max(slopes, axis=0) + bend * self._step / 2.0
         return slope, bend, np.max(np.abs(self._jumps), axis=0)
 
@@ -93,7 +93,8 @@ class Curve:
 class CurveMotion:
     """A motion along a curve, as a function of the time since its start, like LineMotion.
 
-    `origin` and `end` have shape (n,), rad. `duration` is in s. Created by `go_along` and `stop`.
+    `origin` and `end` are the start of the curve and the final position, shapes (n,), rad.
+    `duration` is in s. `go_along` and `stop` create such motions.
     """
 
     def __init__(self, curve: Curve, timing: LineMotion) -> None:
@@ -113,7 +114,7 @@ class CurveMotion:
 
     @property
     def braking(self) -> float:
-        """Start time of the deceleration of a motion from rest to rest, s."""
+        """Time at which the deceleration of a motion from rest to rest starts, s."""
         return self._timing.braking
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
@@ -128,7 +129,7 @@ class CurveMotion:
 
 
 def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotion:
-    """Return a motion along a curve from rest to rest within `speed` and the limits.
+    """Return the fastest motion along a curve from rest to rest within `speed` and the limits.
 
     Raises ValueError if the curve leaves the position limits.
     """
@@ -146,14 +147,17 @@ def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotio
 
 
 def kept(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float, float, float]:
-    """Return `speed`, its acceleration and jerk, reduced as needed for the joints' limits."""
+    """Return velocity, acceleration and jerk of `speed`, reduced to the joints' limits."""
     v, a, j = speed.velocity, speed.acceleration, speed.jerk
     slower = float(share_of_limits(limits, curve.most, v, a, j))
     return v * slower, a * slower**2, j * slower**3
 
 
 def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array, Array]:
-    """Return bounds of the joints' velocity, acceleration and jerk at speeds along a curve."""
+    """Return upper bounds of the joints' velocity, acceleration and jerk, shapes (n,).
+
+    v, a, j: velocity, acceleration and jerk along the curve.
+    """
     first, second, third = curve.most
     return (
         first * v,
@@ -163,7 +167,7 @@ def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array,
 
 
 def check_range(limits: JointLimits, positions: Array) -> None:
-    """Raise ValueError, which names the joint, if positions, shape (k, n), exceed its range."""
+    """Raise ValueError if positions, shape (k, n), exceed the range of a joint."""
     lowest, highest = np.min(positions, axis=0), np.max(positions, axis=0)
     outside = (lowest < limits.position_min) | (highest > limits.position_max)
     if np.any(outside):

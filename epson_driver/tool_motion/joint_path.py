@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The joints along a path of the tool, in one configuration, or the place without a solution."""
+"""The joint positions along a path of the tool, by inverse kinematics without a jump."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,35 +15,37 @@ from epson_driver.tool_motion.pose_path import Run
 
 STEP_M = 0.001
 STEP_RAD = 0.01
-"""Maximum distance and maximum angle between two samples of a path."""
+"""Maximum distance, m, and maximum angle between two samples of a path."""
 
 MIN_STEPS = 50
-"""Minimum samples for each line, arc and blend."""
+"""Minimum number of samples of each line, arc and blend."""
 
 MAX_STEPS = 5000
+"""Maximum number of samples of a path."""
 
 MAX_JOINT_STEP = 0.15
-"""Maximum joint step between samples, rad or m. A larger step is sampled more densely."""
+"""Maximum step of a joint between two samples, rad or m. If it is exceeded, samples are added."""
 
 CLOSEST = 64
-"""Maximum refinement between two samples. A joint that needs more jumps."""
+"""Maximum factor by which the distance of samples is reduced. If more is needed, a joint jumps."""
 
 
 class PathError(ValueError):
-    """The tool cannot follow a path, with the place and the reason as its text."""
+    """A path that the tool cannot follow. The text names the position and the reason."""
 
 
 Look = Callable[[], None]
-"""Called at every step of planning, in any thread. It raises to end the work."""
+"""Called at every step of planning, in any thread. It may raise to cancel."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """The joints along a run of a path, from rest to rest: at k samples, and anywhere.
+    """The joint positions along a run, which is a path from rest to rest.
 
-    distances: from its start, m or the run's other unit, shape (k,). joints: (k, n). positions:
-    tool positions, (k, 3), m. at: function for the joints at other distances, shape (m,), with
-    full precision: shape (m, n). name: name of the run in texts. look: called in sampling.
+    distances: of k samples from the start, shape (k,), m, or another unit of the path's length.
+    joints: joint positions there, shape (k, n). positions: tool positions there, shape (k, 3), m.
+    at: function from other distances, shape (m,), to joint positions, shape (m, n). name: name of
+    the run in error texts. look: called at each sample.
     """
 
     name: str
@@ -55,7 +57,7 @@ class JointPath:
     look: Look = lambda: None
 
     def where(self, index: int) -> str:
-        """Return a clause that describes the position of a sample on the path."""
+        """Return text that describes the position of a sample on the path."""
         fraction = float(self.distances[index] / self.distances[-1])
         return _where(fraction, self.name, self.positions[index])
 
@@ -67,11 +69,11 @@ def joint_path(
     name: str = 'the way',
     look: Look = lambda: None,
 ) -> JointPath:
-    """Return the joints along a run from the joints `start`, shape (n,).
+    """Return the joint positions along a run from the joint positions `start`, shape (n,).
 
-    Raises PathError if a pose has no solution within the joint limits near the previous one: out
-    of reach, beyond a joint's limit, or past a singularity. Raises KinematicsError for a chain
-    without a closed form.
+    Raises PathError if a pose has no solution near the previous one: the pose is out of reach or
+    beyond a joint limit, or a singularity is in between. Raises KinematicsError if the arm has no
+    closed-form inverse kinematics.
     """
     counts = [
         max(ceil(part.length / STEP_M), ceil(part.angle / STEP_RAD), MIN_STEPS)
@@ -140,7 +142,7 @@ def _where(share: float, name: str, position: Array) -> str:
 
 
 def _why_none(kinematics: Kinematics, before: Array, where: str) -> str:
-    """Return why a pose has no solution, with the joint nearest to its limit."""
+    """Return why a pose has no solution. The text may name a joint near its limit."""
     limits = kinematics.model.limits
     room = np.minimum(before - limits.position_min, limits.position_max - before)
     joint = int(np.argmin(room))

@@ -1,10 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A sequence of motions, straight in joint space, in space or on circles, as one trajectory.
+"""A sequence of joint moves, lines and arcs, planned as one trajectory.
 
-All of it is planned before any of it is sent, and refused as a whole. The arm rests at the end of
-each motion without a blend radius. A motion with a blend radius blends into the next one, like
-the waypoints of paths.
+The whole sequence is planned before execution, or refused. A motion with a blend radius blends
+into the next one. The arm rests at the end of a motion without a blend radius.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,10 +23,11 @@ from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, 
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
 
 MOVE_TIME_TOLERANCE = 1e-6
-"""Relative excess of a motion's duration over its move_time that is accepted."""
+"""Accepted excess of a motion's minimum duration over its move_time, relative to the move_time."""
 
 MOVE_SHARES = (0.8, 0.5, 0.3)
-"""Fractions of the move_time for which a tool motion is planned, before it is stretched to it."""
+"""Durations for which a tool motion is planned, as fractions of its move_time. The first motion
+that is fast enough is then slowed down to the move_time."""
 
 
 class Kind(IntEnum):
@@ -39,39 +39,38 @@ class Kind(IntEnum):
 
 
 class SequenceError(ValueError):
-    """A sequence cannot be executed, with the motion and the reason as its text."""
+    """A sequence that cannot be executed. The text names the motion and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Primitive:
-    """One motion.
-
-    target: joint positions, shape (n,), rad (m), or the pose of the tool in base_link,
-    (4, 4), m.
-    via: a point on the circle, shape (3,), m. velocity, acceleration: for each joint, rad/s and
-    rad/s² (m/s, m/s²) and at most its limit, or for the tool, m/s and m/s². None: the limits of
-    the joints or of `ToolLimits`. move_time: s, replaces these two. 0: as fast as they allow.
-    blend_radius: m.
-    """
+    """One motion of a sequence."""
 
     kind: Kind
     target: Array
+    """Joint positions, shape (n,), rad (m), or the pose of the tool in base_link, (4, 4), m."""
     via: Array | None = None
+    """A point on the circle, shape (3,), m, or None for other kinds."""
     velocity: float | None = None
+    """Maximum velocity of each joint, rad/s (m/s), or of the tool, m/s. None: default limit."""
     acceleration: float | None = None
+    """Maximum acceleration of each joint, rad/s² (m/s²), or of the tool, m/s². None: the default
+    limit."""
     move_time: float = 0.0
+    """Duration, s, which replaces velocity and acceleration. 0: none."""
     blend_radius: float = 0.0
+    """Radius of the blend into the next motion, m. 0: rest at the end."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedSequence:
-    """A trajectory from rest to rest. ends: end time of each motion in it, shape (k,), s."""
+    """A trajectory from rest to rest, with k motions. ends: end time of each, shape (k,), s."""
 
     trajectory: Trajectory
     ends: Array
 
     def index(self, share: float) -> int:
-        """Return the motion executed after a fraction, 0 to 1, of the trajectory's time."""
+        """Return the index of the motion that is executed after a fraction of the duration."""
         time = share * self.trajectory.duration
         return min(int(np.searchsorted(self.ends, time, side='right')), len(self.ends) - 1)
 
@@ -84,10 +83,11 @@ def plan_sequence(
     sampled: bool = True,
     look: Look = lambda: None,
 ) -> PlannedSequence:
-    """Return a trajectory through all motions from joint positions `start`, shape (n,), at rest.
+    """Return the trajectory of all motions, from rest at the joint positions `start`, shape (n,).
 
-    sampled: return even a single motion in joint space as many points, not only its end. look:
-    called frequently, as motions take up to seconds each to plan. Raises SequenceError.
+    sampled: if False, a single joint move is returned as its end point only. look: called
+    frequently, because a motion may take seconds to plan. It may raise to cancel. Raises
+    SequenceError if a motion cannot be executed.
     """
     groups = list(_groups(primitives))
     runs_of: list[TimedRun] = []
@@ -121,7 +121,7 @@ def _name(index: int, primitive: Primitive) -> str:
 
 
 def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
-    """Yield the groups of motions that blend into each other, each with its first index.
+    """Yield the index of the first motion, and the motions, of each group blended together.
 
     Raises SequenceError if motions cannot be blended.
     """
@@ -161,7 +161,7 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
 
 
 def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look: Look) -> TimedRun:
-    """Return the points of blended motions, or of a single one."""
+    """Return the points of a group of blended motions, or of a single motion."""
     radii = [primitive.blend_radius for primitive in group[:-1]]
     if group[0].kind is Kind.LINEAR_JOINT:
         if not radii:
@@ -206,7 +206,7 @@ def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> Ti
 
 
 def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
-    """Return the limits of a motion in joint space, which are unchanged for a move_time."""
+    """Return the limits of a joint move: lowered to its velocity and acceleration, if set."""
     if primitive.move_time:
         return limits
     lowered = limits
@@ -220,7 +220,7 @@ def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
 
 
 def _stretch(duration: float, primitive: Primitive) -> float:
-    """Return the slowdown factor of a motion. Raises ValueError if its time is too short."""
+    """Return the slowdown factor of a motion. Raises ValueError if its move_time is too short."""
     if not primitive.move_time:
         return 1.0
     if duration > primitive.move_time * (1.0 + MOVE_TIME_TOLERANCE):
@@ -243,10 +243,10 @@ def _tool_limits(primitive: Primitive) -> ToolLimits:
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
     """Return limits with which the tool takes about `time` s.
 
-    It accelerates, moves at full speed and decelerates for a third of the time each.
+    A third of the time each is for acceleration, full speed, and deceleration.
     """
     speed, turn = 1.5 * path.length / time, 1.5 * path.angle / time
-    tiny = 1e-9  # if it does not move, or does not turn
+    tiny = 1e-9  # for a motion without distance or without turn
     return ToolLimits(
         speed=max(speed, tiny),
         acceleration=max(3.0 * speed / time, tiny),

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Speed along a run whose joints are known, and the points of it to send.
+"""Timing of a path whose joint positions are known, and its conversion to points.
 
-The path has its own limits in each part, e.g. the tool's. The joints' limits are checked along the
-whole path. If a joint would exceed one, mostly near a singularity, the motion is refused, or
+Each part of the path has limits, e.g. those of the tool. The joint limits are checked along the
+whole path. If a joint would exceed a limit, usually near a singularity, the motion is refused, or
 slowed down there if requested.
 """
 
@@ -27,27 +27,26 @@ from epson_driver.tool_motion.speed_profile import (
 
 PERIOD_S = 0.05
 MIN_PERIOD_S = 0.01
-"""Maximum and minimum time between two sent points."""
+"""Maximum and minimum time between two points, s."""
 
 REST_S = 0.2
-"""Rest between two runs, s. A controller with smooth motion treats a point repeated after this
-time as a rest, and other repeated points as a corner that it may round."""
+"""Rest between two runs, s. A controller with smooth motion treats a point that is repeated after
+this time as a rest. Without a rest it may round the corner."""
 
 MAX_STRETCH = 100.0
-"""Maximum slowdown anywhere on a path. A path that needs more is refused even if slowing down is
-allowed."""
+"""Maximum slowdown anywhere on a path. If more is needed, the path is refused."""
 
 LEVELS = (1, 2, 3, 5, 8)
-"""Numbers of steps in which the speed is lowered to the speed at the slowest place. Each number is
-tried. With more steps each place is closer to its own limit, but less distance is left for
-changing speed."""
+"""Numbers of speed levels that are tried, down to the speed of the slowest point. With more
+levels, each point is closer to its own limit, but there is less distance for changes of speed."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimedRun:
-    """Points from rest to rest: times, s from 0, shape (k,), positions and velocities, (k, n).
+    """Points of a motion from rest to rest.
 
-    ends: end time of each segment of the run, s, shape (m,).
+    times: from 0, shape (k,), s. positions, velocities: of the joints, shape (k, n). ends: end
+    time of each segment, shape (m,), s.
     """
 
     times: Array
@@ -56,7 +55,7 @@ class TimedRun:
     ends: Array
 
     def stretched(self, factor: float) -> 'TimedRun':
-        """Return the run slowed down by `factor`."""
+        """Return the motion slowed down by `factor`."""
         return TimedRun(
             self.times * factor, self.positions, self.velocities / factor, self.ends * factor
         )
@@ -70,12 +69,11 @@ def timed(
     accuracy: float,
     slow: bool,
 ) -> TimedRun:
-    """Return the fastest motion along a run within the limits of its parts and of the joints.
+    """Return the fastest motion along a path within the limits of its parts and of the joints.
 
-    ends: distances at which its segments end, shape (m,). accuracy: maximum distance of the
-    straight joint-space line between two points from the path, m. slow: move slower than the
-    parts' limits where a joint limit requires it. Raises PathError, with reason, place and joint,
-    if no motion is possible.
+    ends: distances at which the segments end, shape (m,). accuracy: maximum distance of the tool
+    from the path between two points, m, if the joints move straight. slow: whether to slow down
+    where a joint limit requires it. Raises PathError if no motion is possible.
     """
     for motion, stretch in _motions(found, parts, slow=slow):
         period = PERIOD_S
@@ -94,8 +92,8 @@ def timed(
 def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory, Array]:
     """Return consecutive runs as one trajectory, with rests of REST_S between them.
 
-    The second result is the end time of each of their segments, s. Raises PathError for more than
-    MAX_POINTS.
+    The second result is the end time of each segment, s. Raises PathError if there would be more
+    than MAX_POINTS.
     """
     if (count := sum(len(run.times) for run in runs)) > MAX_POINTS:
         raise PathError(f'{count} points: must be at most {MAX_POINTS}, so send fewer motions')
@@ -103,7 +101,7 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
     times, positions, velocities = [first.times], [first.positions], [first.velocities]
     ends = [first.ends]
     for run in runs[1:]:
-        start = times[-1][-1] + REST_S  # its first point is the last point of the previous run
+        start = times[-1][-1] + REST_S  # a run starts at the last point of the previous run
         times.append(start + run.times)
         positions.append(run.positions)
         velocities.append(run.velocities)
@@ -117,9 +115,9 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
 def _motions(
     found: JointPath, parts: Sequence[PartLimits], *, slow: bool
 ) -> list[tuple[SpeedProfile, float]]:
-    """Return motions, the fastest first, each with the factor by which it must be stretched.
+    """Return possible motions, the fastest first, each with its slowdown factor.
 
-    Raises PathError unless the factor for the parts' own limits is 1, or `slow` allows more.
+    Raises PathError if a slowdown is needed and not `slow`, or if it exceeds MAX_STRETCH.
     """
     slopes = _slopes(found)
     motion = fastest(parts)
@@ -135,7 +133,7 @@ def _motions(
 
 
 def _slopes(found: JointPath) -> Array:
-    """Return the first three derivatives by the distance at each sample, shape (3, k, n)."""
+    """Return three derivatives of the joints by the distance at each sample, shape (3, k, n)."""
     first = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
     second = np.gradient(first, found.distances, axis=0, edge_order=2)
     third = np.gradient(second, found.distances, axis=0, edge_order=2)
@@ -143,9 +141,9 @@ def _slopes(found: JointPath) -> Array:
 
 
 def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
-    """Return the factor, 1 or more, by which the joint limits stretch the motion.
+    """Return the slowdown factor, 1 or more, with which a motion respects the joint limits.
 
-    Raises PathError unless it is 1, or `slow` allows more.
+    Raises PathError if it is above 1 and not `slow`, or above MAX_STRETCH.
     """
     limits = found.kinematics.model.limits
     first, second, third = slopes
@@ -191,10 +189,10 @@ def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: boo
 
 
 def _shares(found: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Array:
-    """Return the share of its part's speed that the joints allow between samples, (k - 1,).
+    """Return the fraction f of the part's speed that the joints allow between samples, (k - 1,).
 
-    With this share of the speed, its square of the acceleration and its cube of the jerk, the
-    part's limits may all be used at the same time within every joint limit.
+    Speed times f, acceleration times f² and jerk times f³ are within every joint limit, even all
+    at the same time.
     """
     limits = found.kinematics.model.limits
     of_part = np.array([(part.speed, part.acceleration, part.jerk) for part in parts])
@@ -208,9 +206,9 @@ def _shares(found: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Arr
 def _slower(
     found: JointPath, parts: Sequence[PartLimits], shares: Array, levels: int
 ) -> Iterator[PartLimits]:
-    """Yield the parts, split where the share of their speed changes, with their reduced limits.
+    """Yield the parts with reduced limits, divided where the reduction changes.
 
-    The shares are rounded down to the next of `levels` levels.
+    shares: the results of `_shares`, which are rounded down to one of `levels` levels.
     """
     minimum = min(float(shares.min()), 1.0 - 1e-9)
     allowed = minimum ** (np.ceil(np.log(shares) / np.log(minimum) * levels - 1e-9) / levels)
@@ -227,7 +225,7 @@ def _slower(
 
 
 def _part_of(found: JointPath, parts: Sequence[PartLimits]) -> npt.NDArray[np.intp]:
-    """Return the part that contains each step between two samples, shape (k - 1,)."""
+    """Return the index of the part that contains each step between two samples, (k - 1,)."""
     seams = np.cumsum([part.length for part in parts])
     middles = (found.distances[1:] + found.distances[:-1]) / 2.0
     return np.asarray(np.minimum(np.searchsorted(seams, middles), len(parts) - 1))
@@ -248,7 +246,7 @@ def _sampled(
 
 
 def _deviation(found: JointPath, positions: Array) -> float:
-    """Return the tool's largest distance from the path, midway between two points, m."""
+    """Return the largest distance of the tool from the path, midway between two points, m."""
     worst = 0.0
     for middle in (positions[1:] + positions[:-1]) / 2.0:
         found.look()

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Paths of the tool: straight lines, arcs, and several of them with blended corners.
+"""Paths of the tool: lines and arcs, with blended corners.
 
-The position moves evenly along the line or arc. The orientation turns evenly about one fixed axis,
-by the shorter turn (slerp). Poses are homogeneous matrices, shape (4, 4), m.
+The position moves evenly along a line or arc. The orientation turns evenly about a fixed axis, by
+the shorter turn (slerp). Poses are homogeneous matrices, shape (4, 4), m.
 
-A blend leaves one segment, and reaches the next, at its radius from the corner, measured along the
-path, so the corner is cut. Position and turn have two continuous derivatives there, so the tool
-need not slow down for the seam. Without a blend the tool rests at the corner.
+A blend cuts the corner between two segments. It starts and ends at its radius from the corner,
+measured along the path. Position and orientation have two continuous derivatives, so the tool can
+keep its speed. Without a blend the tool rests at the corner.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,23 +22,24 @@ from epson_driver.motion.interpolation import hermite, polynomial
 from epson_driver.tool_motion.tool_pose import homogeneous, rotation
 
 MIN_BEND_M = 1e-5
-"""Minimum distance of an arc's middle point from the line between its ends."""
+"""Minimum distance of an arc's middle point from the line between its ends, m."""
 
 HALF_TURN_MARGIN_RAD = 1e-6
-"""A turn this close to π is ambiguous. It is made in the positive direction about the axis whose
-largest component is positive."""
+"""Difference from π below which the direction of a turn is ambiguous. Then the turn is positive
+about the axis whose largest component is positive."""
 
 
 SHORTEST_PATH = 1e-6
-"""m or rad. A path with less of both is no motion."""
+"""Minimum length, m, or angle, rad, of a path."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """Poses from `pose(0)` to `pose(1)`, with the length, m, and the angle of the turn, rad.
+    """A path of poses.
 
-    derivatives: the first three derivatives by the fraction, shape (3, 6), at a fraction: of the
-    position, m, and of the turn about the axes of the moving frame, rad.
+    length: m. angle: total turn, rad. pose: function from a fraction of the path, [0, 1], to the
+    pose. derivatives: function from a fraction to three derivatives by the fraction, shape (3, 6):
+    of the position, m, and of the turn about the axes of the moving frame, rad.
     """
 
     length: float
@@ -104,7 +105,10 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
 
 
 def level_arc(start: Array, via: Array, end: Array) -> PosePath:
-    """Return an arc like `arc`, but in the xy plane, with z changing evenly."""
+    """Return a path whose projection to the xy plane is an arc, like `arc`, with even change of z.
+
+    Raises ValueError if the projected points do not define an arc.
+    """
     rise = float(end[2, 3] - start[2, 3])
     level = end.copy()
     level[2, 3] = start[2, 3]
@@ -133,7 +137,7 @@ def distance_from(point: Array, positions: Array) -> float:
 
 
 def _turn(first: Array, last: Array) -> Array:
-    """Return the turn from one rotation matrix to another, in the first, as a rotation vector."""
+    """Return the rotation vector from one rotation matrix to another, in the first's frame."""
     turn = first.T @ last
     twist = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine = float(np.linalg.norm(twist)) / 2.0
@@ -150,7 +154,7 @@ def _text(point: Array) -> str:
 
 
 class BlendError(ValueError):
-    """A path whose blends do not fit. `index` is the segment, from 0."""
+    """A path with a segment that is too short or cannot be blended. `index`: of the segment."""
 
     def __init__(self, index: int, text: str) -> None:
         super().__init__(text)
@@ -159,7 +163,7 @@ class BlendError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Parts of a path without a rest between them. The tool rests only at both ends.
+    """A path from rest to rest. Its parts are segments without their blends, and blends.
 
     segments: for each part the index of its segment, or of both segments for a blend.
     """
@@ -174,17 +178,20 @@ class Run:
 
     @cached_property
     def seams(self) -> Array:
-        """Start of each part, and the end, shape (k + 1,): m, or rad if the tool only turns."""
+        """Distances at which the parts start, and the end, shape (k + 1,), m.
+
+        A part without a length counts with its angle, rad.
+        """
         return np.concatenate([[0.0], np.cumsum([size_of(part) for part in self.parts])])
 
     @cached_property
     def ends(self) -> Array:
-        """End of each segment, m (rad): the middle of its blend, or the end of the run."""
+        """Distance at which each segment ends, m (rad): the middle of its blend, or the end."""
         blends = [len(segment) > 1 for segment in self.segments]
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 
     def pose(self, distance: float) -> Array:
-        """Return the pose after a distance, m (rad), from 0 to the last seam."""
+        """Return the pose at a distance from the start, m (rad)."""
         index = int(np.searchsorted(self.seams, distance, 'right')) - 1
         index = min(max(index, 0), len(self.parts) - 1)
         fraction = (distance - self.seams[index]) / (self.seams[index + 1] - self.seams[index])
@@ -197,10 +204,11 @@ def size_of(path: PosePath) -> float:
 
 
 def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
-    """Return a path's runs. blends: the radius, m, at the end of each segment except the last.
+    """Return the runs of a path, which are separated by rests.
 
-    A segment starts at the end pose of the previous one. Raises BlendError for segments without
-    length and turn, and for blends that are longer than their segments.
+    segments: each starts at the end of the previous one. blends: the radius at the end of each
+    segment except the last, m, or 0 for a rest. Raises BlendError if a segment has no length and
+    no turn, or a blend is longer than its segment.
     """
     radii = [0.0, *blends, 0.0]
     for index, (segment, (start, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
@@ -244,10 +252,10 @@ def _part(path: PosePath, first: float, last: float) -> PosePath:
 
 
 def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
-    """Return a path that rounds a corner, from `radius` m before it to `radius` m after it.
+    """Return the blend of a corner, from `radius` m before it to `radius` m after it.
 
-    Its nominal length is twice the radius, slightly more than its real length.
-    Position and turn are polynomials, the turn as a rotation vector in the corner's frame.
+    Its length is given as twice the radius, slightly more than the real length. Position and turn
+    are polynomials. The turn is a rotation vector in the frame at the corner.
     """
     leave, reach = 1.0 - radius / before.length, radius / after.length
     corner = before.pose(1.0)

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest speed along a path whose parts have individual limits: from rest to rest.
+"""The fastest motion from rest to rest along a path whose parts have individual limits.
 
 Speed, acceleration and jerk are limited in each part. The acceleration is 0 at the seam between
-two parts. The speeds at the seams are the highest from which every following part can be executed.
+two parts. The speeds at the seams are as high as the parts before and after them allow.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,18 +15,15 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 
 HALVINGS = 60
-"""Bisection steps for full precision."""
+"""Bisection steps, which reach full precision."""
 
 END_SHARE = 1e-9
-"""Relative distance from the end that counts as the end. At speed 0 the time is inaccurate."""
+"""Relative distance from the end that counts as the end, because times are inaccurate there."""
 
 
 @dataclass(frozen=True, slots=True)
 class PartLimits:
-    """A part of a path: its length, and the limits along it: /s, /s², /s³ of its unit.
-
-    Consecutive parts must have the same unit.
-    """
+    """The length of a part of a path, in any unit, and its limits, in this unit per s, s², s³."""
 
     length: float
     speed: float
@@ -41,11 +38,10 @@ def share_of_limits(
     acceleration: Array | float,
     jerk: Array | float,
 ) -> Array:
-    """Return the share of a speed within every joint limit, from 0 to 1, shape (…).
+    """Return the largest fraction f ≤ 1 with which a motion respects every joint limit, shape (…).
 
-    With it, the square of the share applies to the acceleration and the cube to the jerk, all
-    three at the same time. derivatives: magnitudes of the joints' first three derivatives by the
-    distance, shapes (…, n).
+    The motion has speed · f, acceleration · f² and jerk · f³ along a path, all at the same time.
+    derivatives: magnitudes of the joints' first three derivatives by the distance, shapes (…, n).
     """
     first, second, third = derivatives
     with np.errstate(divide='ignore'):
@@ -64,10 +60,10 @@ def share_of_limits(
 
 @dataclass(frozen=True, eq=False)
 class SpeedProfile:
-    """The distance along a path as pieces of constant jerk.
+    """A motion along a path, as k pieces of constant jerk.
 
-    times: start of each piece, and the end, s, shape (k + 1,). distances, speeds, accelerations:
-    values at these times. jerks: jerk of each piece, shape (k,).
+    times: start of each piece, and the end, shape (k + 1,), s. distances, speeds, accelerations:
+    values at these times, shape (k + 1,). jerks: jerk of each piece, shape (k,).
     """
 
     times: Array
@@ -95,7 +91,7 @@ class SpeedProfile:
         )
 
     def when(self, distances: Array) -> Array:
-        """Return the times at which distances, shape (m,), from 0 to the last, are reached, s."""
+        """Return the times at which distances are reached, shape (m,), s."""
         early, late = np.zeros(len(distances)), np.full(len(distances), self.duration)
         for _ in range(HALVINGS):
             middle = (early + late) / 2.0
@@ -105,7 +101,7 @@ class SpeedProfile:
 
 
 def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
-    """Return the motion along all parts, from rest to rest."""
+    """Return the fastest motion along all parts, from rest to rest."""
     speeds = _seam_speeds(parts)
     columns: list[tuple[float, float, float, float, float]] = []
     time = distance = 0.0
@@ -127,7 +123,7 @@ def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
 
 
 def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
-    """Return the speed at both ends and between parts, reachable from either side."""
+    """Return the highest speeds at the start, between parts, and at the end."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(parts)), 0.0]
     for index, part in enumerate(parts):
         speeds[index + 1] = min(speeds[index + 1], _reached(part, speeds[index]))
@@ -137,14 +133,14 @@ def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
 
 
 def _reached(part: PartLimits, first: float) -> float:
-    """Return the highest speed at the end of a part that starts at a speed, within its limit."""
+    """Return the highest speed at the end of a part that starts with the speed `first`."""
     if first >= part.speed:
         return part.speed
     return highest(lambda last: _ramp_length(part, first, last) <= part.length, first, part.speed)
 
 
 def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the highest fitting number from `low`, which fits, to `high`, by bisection."""
+    """Return the highest number up to `high` for which `fits` is true, by bisection from `low`."""
     if fits(high):
         return high
     for _ in range(HALVINGS):
@@ -154,7 +150,10 @@ def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _through(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
-    """Yield the pieces of a part, as duration and jerk: to a top speed, along, and down again."""
+    """Yield the duration and jerk of each piece of a part, from speed `first` to speed `last`.
+
+    The motion reaches the highest possible speed in between.
+    """
 
     def ramps(top: float) -> float:
         return _ramp_length(part, first, top) + _ramp_length(part, top, last)
@@ -168,7 +167,7 @@ def _through(part: PartLimits, first: float, last: float) -> Iterator[tuple[floa
 
 
 def _ramp(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
-    """Yield the pieces between two speeds, without acceleration at both ends."""
+    """Yield the duration and jerk of each piece between two speeds without acceleration."""
     change = abs(last - first)
     if change == 0.0:
         return

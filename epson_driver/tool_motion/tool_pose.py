@@ -1,9 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Poses as matrices or with a quaternion, and bounds for a tool's pose.
-
-Errors name the field and the rule.
-"""
+"""Conversions and checks of poses. Errors name the field and the rule."""
 
 import numpy as np
 import numpy.typing as npt
@@ -11,14 +8,17 @@ import numpy.typing as npt
 from epson_driver.motion import Array
 
 UNIT_TOLERANCE = 1e-3
-"""Tolerance of the length of a quaternion, which is then normalized."""
+"""Maximum difference of the length of a quaternion from 1."""
 
 MAX_TOOL_M = 10.0
-"""Maximum distance of a tool from the flange."""
+"""Maximum distance of a tool from the flange, m."""
 
 
 def numbers(field: str, values: object, form: str = 'numbers') -> Array:
-    """Return numbers as an array, including non-finite ones. Raises ValueError."""
+    """Return numbers as an array. They may be NaN or infinite.
+
+    form: expected form, for the error. Raises ValueError if the values are no numbers.
+    """
     try:
         array = np.array(values)
         if array.dtype.kind not in 'iuf' and array.size:
@@ -29,7 +29,7 @@ def numbers(field: str, values: object, form: str = 'numbers') -> Array:
 
 
 def finite_numbers(field: str, values: npt.ArrayLike) -> Array:
-    """Return numbers as an array. Raises ValueError."""
+    """Return numbers as an array. Raises ValueError if they are not finite numbers."""
     array = numbers(field, values)
     if not np.all(np.isfinite(array)):
         raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
@@ -37,9 +37,9 @@ def finite_numbers(field: str, values: npt.ArrayLike) -> Array:
 
 
 def pose_of_quaternion(field: str, values: Array) -> Array:
-    """Return the homogeneous matrix of x y z, m, and a quaternion x y z w, shape (7,).
+    """Return the homogeneous matrix of a position x y z, m, and a quaternion x y z w.
 
-    Raises ValueError.
+    values: shape (7,). Raises ValueError if the length of the quaternion is not 1.
     """
     size = float(np.linalg.norm(values[3:]))
     if abs(size - 1.0) > UNIT_TOLERANCE:
@@ -59,7 +59,10 @@ def pose_of_quaternion(field: str, values: Array) -> Array:
 
 
 def check_tool_distance(field: str, pose: Array) -> None:
-    """Raise ValueError if a tool, shape (4, 4), m in tool0, is implausibly far away."""
+    """Raise ValueError if a tool is farther than MAX_TOOL_M from the flange.
+
+    pose: of the tool in tool0, shape (4, 4), m.
+    """
     away = float(np.linalg.norm(pose[:3, 3]))
     if away > MAX_TOOL_M:
         raise ValueError(
@@ -69,7 +72,7 @@ def check_tool_distance(field: str, pose: Array) -> None:
 
 
 def rotation(turn: Array) -> Array:
-    """Return the rotation by a rotation vector, rad, shape (3,): its length about its axis."""
+    """Return the rotation matrix of a rotation vector, shape (3,), rad."""
     angle = float(np.linalg.norm(turn))
     x, y, z = turn / angle if angle > 0.0 else turn
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -78,7 +81,7 @@ def rotation(turn: Array) -> Array:
 
 
 def homogeneous(turned: Array, place: Array) -> Array:
-    """Return the pose of a rotation matrix, shape (3, 3), and a position, shape (3,), m."""
+    """Return the pose, shape (4, 4), of a rotation matrix and a position, shape (3,), m."""
     pose = np.eye(4)
     pose[:3, :3] = turned
     pose[:3, 3] = place
@@ -86,9 +89,9 @@ def homogeneous(turned: Array, place: Array) -> Array:
 
 
 def quaternion_pose(pose: Array) -> Array:
-    """Return x y z and the quaternion x y z w, w ≥ 0, of a homogeneous matrix: shape (7,), m."""
+    """Return the position x y z, m, and the quaternion x y z w, w ≥ 0, of a pose, shape (7,)."""
     turn = pose[:3, :3]
-    # eigenvector of the largest eigenvalue, so no small divisors. eigh reads the lower half only
+    # the eigenvector of the largest eigenvalue needs no small divisors. eigh reads the lower half
     xx, yy, zz = np.diag(turn)
     x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
     products = np.array(

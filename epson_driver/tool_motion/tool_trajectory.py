@@ -1,11 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Converts lines and arcs of the tool to a joint trajectory, or reports why that is impossible.
+"""Converts lines and arcs of the tool to a joint trajectory.
 
-The whole motion is checked before any of it is sent: each joint must respect its velocity,
-acceleration and jerk limits everywhere. Near a singularity some joint would have to be very fast
-for a short distance. Such a motion is refused with the joint and the place, or slowed down there
-if requested.
+The whole motion is checked before execution: each joint must respect its velocity, acceleration
+and jerk limits everywhere. Near a singularity a joint would have to be very fast for a short
+distance. Such a motion is refused, or slowed down there if requested.
 """
 
 from collections.abc import Sequence
@@ -21,28 +20,26 @@ from epson_driver.tool_motion.pose_path import PosePath, Run, size_of
 from epson_driver.tool_motion.speed_profile import PartLimits
 
 JERK_PER_ACCELERATION = 10.0
-"""Default jerk of the tool as a multiple of its acceleration, 1/s: a ramp of 0.1 s."""
+"""Default ratio of the tool's jerk to its acceleration, 1/s. The acceleration ramps take 0.1 s."""
 
 SIDEWAYS_SHARE = 0.8
-"""Maximum share of the acceleration used by a bend. At right angles to it, 0.6 remain for changes
-of speed."""
+"""Maximum fraction of the acceleration that a bend uses. A fraction of 0.6 at right angles to it
+remains for changes of speed."""
 
 TINY = 1e-12
-"""Lower bound of a derivative."""
+"""Lower bound of a derivative, which avoids divisions by 0."""
 
 BEND_LOOKS = 33
-"""Number of positions on each part of the path at which its derivatives are evaluated."""
+"""Number of samples of the derivatives of each part of a path."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolLimits:
     """Limits of the tool's motion, in m/s and m/s², and of its turn, in rad/s and rad/s².
 
-    They also apply in bends, where the speed is reduced for them.
-
-    accuracy: maximum distance of the straight joint-space line between two sent points from the
-    path, m. slow: move slower where a joint limit requires it. jerk_ratio: the jerk, also of the
-    turn, as a multiple of the acceleration, 1/s.
+    The speed is reduced in bends to respect the acceleration. accuracy: maximum distance of the
+    tool from the path between two sent points, m. slow: whether to slow down where a joint limit
+    requires it. jerk_ratio: ratio of jerk to acceleration, also of the turn, 1/s.
     """
 
     speed: float = 0.1
@@ -54,7 +51,7 @@ class ToolLimits:
     jerk_ratio: float = JERK_PER_ACCELERATION
 
     def beside(self, other: 'ToolLimits') -> 'ToolLimits':
-        """Return the tighter of two sets of limits, for a blend between two motions."""
+        """Return the stricter values of two sets of limits, for a blend between two motions."""
         minimum = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
         return ToolLimits(*minimum)
 
@@ -66,11 +63,10 @@ def trajectory_along_runs(
     tool: ToolLimits,
     look: Look = lambda: None,
 ) -> Trajectory:
-    """Return a trajectory along the runs of a path, with a rest after each.
+    """Return a trajectory with velocities along the runs of a path, with a rest after each.
 
-    It starts at the joints `start`, shape (n,), has velocities, and starts and ends at rest.
-    Raises PathError, with reason, place and joint, if the motion is impossible, and raises like
-    `joint_path`.
+    It starts at rest at the joint positions `start`, shape (n,). Raises PathError if the motion is
+    impossible, or KinematicsError if the arm has no closed-form inverse kinematics.
     """
     result: list[TimedRun] = []
     tools = [tool] * (path[-1].last + 1)
@@ -89,9 +85,10 @@ def timed_run(
     name: str = 'the way',
     look: Look = lambda: None,
 ) -> TimedRun:
-    """Return the points along a run. tools: limits of the tool in each segment, by index.
+    """Return the points along a run.
 
-    A blend respects the limits of both segments. Raises like `trajectory_along_runs`.
+    tools: limits of the tool in each segment of the path. A blend respects the limits of both
+    segments. Raises like `trajectory_along_runs`.
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):
@@ -107,7 +104,7 @@ def timed_run(
 
 
 def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
-    """Return the limits along a part within which tool and turn respect theirs in bends."""
+    """Return limits of the motion along a part with which the tool respects its own limits."""
     size = size_of(part)
     powers = size ** np.arange(1, 4)[:, None]
     looks = np.array(
