@@ -148,10 +148,10 @@ class Link:
         if self._connection is None:
             return None
         transport = self._connection.transport
-        names = [transport.get_extra_info(name) for name in ('sockname', 'peername')]
-        if None in names:  # the connection has ended
+        addresses = [transport.get_extra_info(name) for name in ('sockname', 'peername')]
+        if None in addresses:  # the connection has ended
             return None
-        own, other = names
+        own, other = addresses
         return (own[0], own[1]), (other[0], other[1])
 
     @property
@@ -281,7 +281,7 @@ class Link:
         return PacketFramer(self._byte_order)
 
     async def _serve(self, connection: Connection) -> str:
-        """Receive on a connection until it names, and return the reason."""
+        """Receive on a connection until it ends, and return the reason."""
         self._establish()
         connection.start()
         return await connection.ended

@@ -52,8 +52,8 @@ MAX_ANSWERED = 16
 """Number of recently answered sequences that are remembered."""
 
 MAX_PENDING = 64
-"""Maximum number of pending requests, beyond which the oldest is dropped. One point and a STOP are
-usual."""
+"""Maximum number of pending requests, beyond which the oldest is dropped. Usually at most one
+point and a STOP are pending."""
 
 MAX_REPLY_AGE_S = 1.0
 """Age, s, after which a pending request is dropped when a new trajectory starts. Its reply will

@@ -12,10 +12,10 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import calculated, solve
 
 MAX_ATTEMPTS = 40
-"""Number of reversals that are tried, each twice as long as the last, from `MIN_REVERSAL`."""
+"""Number of targets tried for a stop with reversal. Their distance from the limit doubles."""
 
 MIN_REVERSAL = 1e-9
-"""Distance of the first such target from the position limit, rad."""
+"""Distance of the first target of a stop with reversal from the position limit, rad."""
 
 STOP_TOLERANCE = 1e-12
 """Excess of a position limit that counts as rounding in a JointStop, rad."""

@@ -45,7 +45,7 @@ def _calculated(inp: InputParameter) -> RuckigTrajectory | None:
 
 
 SHORTEST_MOVE_S = 0.01
-"""Minimum duration of a move as a trajectory, s, used for a move to the current position."""
+"""Minimum duration of a move as a trajectory, s. A move to the current position takes it."""
 
 SAMPLE_PERIOD_S = 0.05
 """Time between two points, s, for a controller that interpolates positions and velocities."""

@@ -48,7 +48,7 @@ LANDING_SHARE = 0.2
 """Fraction of the acceleration and jerk limits for the final motion to a constant setpoint."""
 
 LANDING_S = 0.15
-"""Maximum duration of this final motion, s."""
+"""Maximum duration of the final motion to a constant setpoint, s."""
 
 
 def servo_limits(limits: JointLimits, fraction: float, stop_within: float) -> JointLimits:

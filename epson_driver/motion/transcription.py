@@ -457,7 +457,7 @@ class Search:
 
 
 def _longest(values: Array, changes: Array) -> float:
-    """Return the longest step ≤ 1 after which each positive value is at least a hundredth."""
+    """Return the longest step ≤ 1 that keeps at least a hundredth of each positive value."""
     fastest = float((changes / values).min())
     return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
 

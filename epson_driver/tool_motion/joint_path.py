@@ -27,7 +27,8 @@ MAX_JOINT_STEP = 0.15
 """Maximum step of a joint between two samples, rad or m. If it is exceeded, samples are added."""
 
 CLOSEST = 64
-"""Maximum factor by which the distance of samples is reduced. If more is needed, a joint jumps."""
+"""Maximum factor by which the spacing of samples is reduced. If a joint's step is still too large,
+the path is refused."""
 
 
 class PathError(ValueError):

@@ -26,8 +26,9 @@ from epson_driver.tool_motion.speed_profile import (
 )
 
 PERIOD_S = 0.05
+"""Maximum time between two points, s."""
 MIN_PERIOD_S = 0.01
-"""Maximum and minimum time between two points, s."""
+"""Minimum time between two points, s."""
 
 REST_S = 0.2
 """Rest between two runs, s. A controller with smooth motion treats a point that is repeated after

@@ -25,7 +25,7 @@ CATCH_UP_RATIO = 1.25
 """Usual ratio to the commanded speed for making up lost time."""
 
 MAX_CATCH_UP_RATIO = 6.0
-"""Maximum of this ratio, for a motion that would otherwise end late."""
+"""Maximum ratio to the commanded speed, for a motion that would otherwise end late."""
 
 CATCH_UP_BISECTIONS = 4
 """Number of bisection steps that find a ratio above the usual one."""

@@ -103,7 +103,7 @@ def minimise(
         g[rooted:] -= root / np.sqrt(y[0])
 
     def longest(values: Array, changes: Array) -> float:
-        """Return the longest step ≤ 1 after which each value is at least a hundredth of it."""
+        """Return the longest step ≤ 1 that keeps at least a hundredth of each positive value."""
         fastest = float(np.divide(changes, values, out=spare).min())
         return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
 

@@ -48,10 +48,11 @@ MAX_KNOTS = 4
 """Maximum number of path knots between two nodes that have constraint rows."""
 
 START_INTERVALS = 10
-"""Number of intervals after a start in motion without this reserve (for jerk, with half of it)."""
+"""Number of intervals after a start in motion in which no velocity and acceleration is reserved,
+and only half of the jerk reserve."""
 
 FINER_RATIO = 1.03
-"""Ratio of usage to limit above which the first round adds nodes, because they are too far
+"""Ratio of usage to limit above which the first round adds nodes, because the nodes are too far
 apart."""
 
 COARSE_RATIO = 1.3
@@ -80,7 +81,7 @@ MAX_GENTLER_RAMPS = 20
 """Maximum number of reductions of a ramp's jerk, if the ramp exceeds a limit."""
 
 GENTLER_RAMP_RATIO = 0.7
-"""Factor by which such a reduction multiplies the jerk."""
+"""Factor by which a reduction of a ramp multiplies its jerk."""
 
 Excess = tuple[Array, Array]
 """Values of u at which a limit is exceeded, and the ratios of usage to limit there."""

@@ -65,7 +65,7 @@ _QUANTITIES = (
 """Quantity of each row of values and bounds, and the suffix to the joint's unit."""
 
 _ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
-"""Indices of these rows."""
+"""Indices of rows of values and bounds."""
 
 
 class OutputGuard:

@@ -63,7 +63,7 @@ LONG_SEGMENT = 1.5
 """Maximum expected length of the next segment, s at full speed."""
 
 LONGER_RATIO = 10.0
-"""Maximum ratio of this expected length to the longest known segment."""
+"""Maximum ratio of the expected length of the next segment to the longest known segment."""
 
 _FREE, _LEVEL, _TURNING = 0, 1, 2
 """State of a joint at a knot. _FREE: its derivatives are those of the spline. _LEVEL: its slope is
@@ -76,8 +76,8 @@ check, and a lower bound of this minimum, relative to the excess of a segment's 
 coefficient."""
 
 _TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
-"""Samples s / (1 - s) for the search for this minimum, where s is the position in a segment,
-measured from the other knot, (0, 1)."""
+"""Samples s / (1 - s) for the search for the minimum curvature of a turning joint, where s is the
+position in a segment, measured from the other knot, (0, 1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -90,7 +90,7 @@ BRANCH_HORIZON_SHARE = 0.6
 """Planning horizon of a plan that branches off, as a fraction of the normal horizon."""
 
 BRANCH_TOLERANCE = 1e-2
-"""Accepted excess of the duration of such a plan over the optimum, relative to the optimum."""
+"""Accepted excess of the duration of a plan that branches off over the optimum, relative to it."""
 
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:

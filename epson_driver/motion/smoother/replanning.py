@@ -33,7 +33,7 @@ RESERVE_IN_STOPPING_TIMES = 2.5
 """Time before the end of a plan at which it may be replaced, in multiples of the stopping time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""Fraction of this time in which even a slow plan replaces the current plan."""
+"""Fraction of the time of RESERVE_IN_STOPPING_TIMES in which even a slow plan is used."""
 
 LATE_TOLERANCE_S = 1e-9
 """Maximum time by which a plan may start in the past because of rounding, s."""

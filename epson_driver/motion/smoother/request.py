@@ -39,7 +39,7 @@ class Request:
     clock: Array
     """Time at which each knot and point should be reached, shape (k + m,), s, with any origin."""
     timed: npt.NDArray[np.bool_]
-    """Whether this time is commanded, or else estimated, shape (k + m,)."""
+    """Whether each time in `clock` is commanded instead of estimated, shape (k + m,)."""
     lag: float
     """Delay of the state relative to `clock`, s."""
     pause: bool
