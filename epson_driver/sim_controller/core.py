@@ -104,7 +104,7 @@ class Clients(Protocol):
         """Close the connection of the port's oldest client, unless the arm has points."""
 
     def check_login(self) -> None:
-        """Raise ConnectionRefusedError if another client is logged in exclusively."""
+        """Raise ConnectionRefusedError if a client of an exclusive remote port is logged in."""
 
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the lowest priority, if any."""

@@ -53,7 +53,7 @@ from epson_driver.simple_message import (
 from epson_driver.simple_message.io_messages import ALL
 
 MAX_CATCH_UP_PUBLICATIONS = 3
-"""Maximum missed publications to catch up on after a scheduling delay, besides the newest."""
+"""Maximum number of missed publications to catch up on, besides the newest."""
 
 MAX_RANGES = 64
 MAX_VALUES = 4096

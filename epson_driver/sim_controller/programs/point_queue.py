@@ -168,9 +168,9 @@ class PointQueue:
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
-        """Brake and empty the queue. Return the unanswered entries, and whether others are lost.
+        """Brake and empty the queue.
 
-        Others are points that were answered but not reached.
+        Return the unanswered entries, and whether points are lost that were already answered.
         """
         lost = self._arm.stop()
         entries = [] if self._current is None else [self._current]

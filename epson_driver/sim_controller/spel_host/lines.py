@@ -40,7 +40,7 @@ It is the initial value of SingularityDist (p158).
 """
 
 MAX_TURN_RAD = 2.0 * NEAR_WRIST_RAD
-"""Maximum deviation of the tool's orientation from its path."""
+"""Maximum deviation of the tool's orientation from its path, rad."""
 
 ON_LINE_M, MAX_ITERATIONS = 1e-9, 10
 

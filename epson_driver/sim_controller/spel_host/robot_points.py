@@ -279,7 +279,7 @@ class RobotPoints:
         return point
 
     def _fits(self, point: Point, joints: Array) -> bool:
-        """Return whether joint angles have the posture of a point, and with a SCARA, its turns."""
+        """Return whether joint angles have the posture of a point. For a SCARA, compare U too."""
         if self._model.kind == SCARA:
             u = math.radians(point.values[3])
             if abs(self._with_turns(u, joints) - u) > math.pi:
