@@ -122,7 +122,7 @@ class Streams(Arm):
                     'velocity: the tool cannot move that way here, at a singularity or for want '
                     'of a joint'
                 )
-            fraction = np.abs(joints) / (servo.settings.share * self.model.limits.velocity)
+            fraction = np.abs(joints) / (servo.settings.scale * self.model.limits.velocity)
             self._take(servo, velocities=joints / max(fraction.max(), 1.0))
 
     async def servo_end(self) -> str:
@@ -165,9 +165,9 @@ class Streams(Arm):
 
 
 def _check_possible(velocities: Array, limits: JointLimits) -> None:
-    from epson_driver.driver.servo.setpoint import POSSIBLE_SHARE
+    from epson_driver.driver.servo.setpoint import MAX_SPEED_FACTOR
 
-    fastest = POSSIBLE_SHARE * limits.velocity
+    fastest = MAX_SPEED_FACTOR * limits.velocity
     wrong = np.flatnonzero(np.abs(velocities) > fastest)
     if wrong.size:
         joint = int(wrong[0])

@@ -30,7 +30,7 @@ class Configuration:
     before that. `motors`: how motors are switched and errors reset. `state_period`: initial
     estimate of the time between two state messages, s. `margins`: tolerances for reported joints
     beyond `limits`. `configured_as`: controller and robot model, for texts. `client_timeout`: time
-    after which the controller stops the arm if it receives nothing from the driver, s; 0: never.
+    after which the controller stops the arm if the driver sends nothing, s; 0: no timeout.
     `password`: Remote Ethernet password, used if the controller runs no program.
     """
 

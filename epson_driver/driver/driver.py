@@ -58,7 +58,7 @@ WORST_FIRST = (
     LinkState.CONNECTING,
     LinkState.CONNECTED,
 )
-"""Order of link states. The combined state of the links is the worst one."""
+"""Link states, the worst first. The combined state of all links is the worst of their states."""
 
 _log = logging.getLogger(__name__)
 
@@ -145,7 +145,8 @@ class Driver:
     async def run(self) -> None:
         """Run the links and all other parts until cancelled.
 
-        The arm is stopped when the first part ends. Raises the exception of a failed part.
+        The arm is stopped if a part fails, or when this is cancelled. Raises the exception of the
+        failed part.
         """
         try:
             self.goal_queue.make_ready()
@@ -308,7 +309,7 @@ class Driver:
         if sample is None:
             return
         self._events.on_joints(sample)
-        self.stopper.see(now)
+        self.stopper.update(now)
         self.goal_queue.on_joints(sample, now)
         self.servo.on_joints(sample, now)
 
@@ -320,7 +321,7 @@ class Driver:
             self._joints_missing.restart(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
-        self.stopper.see(now)
+        self.stopper.update(now)
         quiet = self.gate.reason is not None and self._pending_log is None  # `fault` logs nothing
         inhibit = self.why_not(Purpose.RUN, now)
         if inhibit is not None and inhibit.cause is not Cause.PAUSED:
@@ -399,10 +400,7 @@ class Driver:
         self._report_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
-        """Wait for the byte order if the arm may resume its motion when a client connects.
-
-        STOP can then be sent immediately.
-        """
+        """Wait for the byte order if the controller keeps points, so that STOP comes first."""
         if self._connects_later():
             await self._dialect_known.wait()
 

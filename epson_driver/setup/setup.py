@@ -77,7 +77,7 @@ class Setup:
     def servo(self) -> ServoSettings:
         """Settings for following streams of setpoints."""
         return ServoSettings(
-            share=self.values['servo.scale'],
+            scale=self.values['servo.scale'],
             timeout=self.values['servo.timeout'],
             start_tolerance=self.values['servo.start_tolerance'],
             reply_timeout=self.values['reply_timeout'],

@@ -121,7 +121,7 @@ def test_joints_and_tolerances_match_model_and_prefix() -> None:
     assert plain['constraints'].items() <= own['constraints'].items()
     scara = controllers_parameters('gx4_c251s', 'left_')
     limits = load_robot_model('gx4_c251s').limits
-    behind = (MAX_LAG_S * ServoSettings().share * limits.velocity).round(3).tolist()
+    behind = (MAX_LAG_S * ServoSettings().scale * limits.velocity).round(3).tolist()
     assert scara['joints'] == [f'left_joint_{number}' for number in range(1, 5)]
     assert scara['constraints']['left_joint_3'] == {'trajectory': behind[2], 'goal': 0.001}  # m
     assert scara['constraints']['left_joint_4'] == {'trajectory': behind[3], 'goal': 0.01}  # rad

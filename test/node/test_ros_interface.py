@@ -221,7 +221,7 @@ def may_end_moving(made):
 EFFECTS = {
     'reply_timeout': (7.5, lambda made: made.driver.goal_queue.settings.reply_timeout),
     'start_tolerance': (0.4, lambda made: made.driver.goal_queue.start_tolerance),
-    'servo.scale': (0.5, lambda made: made.driver.servo.settings.share),
+    'servo.scale': (0.5, lambda made: made.driver.servo.settings.scale),
     'servo.timeout': (0.3, lambda made: made.driver.servo.settings.timeout),
     'servo.catch_up': (2.0, lambda made: made.driver.servo.settings.catch_up),
     'servo.period': (0.1, lambda made: made.driver.servo.settings.period),

@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals from their submission to their one outcome."""
+"""Goals, from submission to outcome."""

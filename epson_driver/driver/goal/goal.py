@@ -245,7 +245,7 @@ def cause_timeout(state: StateProfile) -> float:
 
 
 MIN_DISPLACEMENT = 1e-3
-"""Distance from start to goal, rad or m. From this distance on, the arm must get closer."""
+"""Minimum distance from start to goal, rad or m, at which the arm must have moved closer."""
 
 
 class Arrival:
@@ -262,7 +262,7 @@ class Arrival:
         """Result of the function `_min_excursion`, which is slow because it reads every point."""
         return _min_excursion(self._goal)
 
-    def see(self, positions: Array) -> None:
+    def update(self, positions: Array) -> None:
         """Process measured positions, shape (n,), rad."""
         self._distance = np.abs(positions - self._goal.trajectory.positions[-1])
         if self._start is None:
@@ -302,9 +302,10 @@ class Arrival:
 
 
 def _min_excursion(goal: Goal) -> float:
-    """Return the distance from the goal that the arm must have had during the motion, rad.
+    """Return the minimum distance from the goal that shows that the arm has moved, rad.
 
-    If a path ends where it starts, an arm that has not moved yet is already at the goal.
+    It is needed because a path may end where it starts. An arm that has not moved yet is then
+    already at the goal.
     """
     positions = goal.trajectory.positions
     last = positions[-1]

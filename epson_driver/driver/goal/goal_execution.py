@@ -222,8 +222,8 @@ class GoalExecution:
         self._exclude_unscheduled_time(now, now - last_check)
         self._advance_clock(robot, sample, now)
         if self._schedule is not None:
-            self._arrival.see(sample.positions)
-        self._standstill.see(sample, robot, self._stopped(), now)
+            self._arrival.update(sample.positions)
+        self._standstill.update(sample, robot, self._stopped(), now)
         if not self._standstill.is_at_rest:
             self._rest_at = None
         elif self._rest_at is None:
@@ -263,7 +263,7 @@ class GoalExecution:
     def resume(self, sample: JointSample, limits: JointLimits, tolerance: float) -> None:
         """Reduce a paused goal to the rest of its trajectory, from the arm's position.
 
-        Raises GoalRejectedError if the arm has moved by more than `tolerance` (rad) since then.
+        Raises GoalRejectedError if the arm moved by more than `tolerance` (rad) during the pause.
         """
         if self._paused_at is None:
             check_start(self._plan, sample.positions, limits, tolerance)
@@ -498,7 +498,7 @@ class GoalExecution:
         if clock is not None:
             clock.advance(sample.measured, running=moves and not self._pause.interrupted)
         if robot.status is not None:
-            self._pause.see(robot.status)
+            self._pause.update(robot.status)
         if clock is None or self._schedule is None:
             return
         if moves and self.paused:

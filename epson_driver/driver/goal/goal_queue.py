@@ -317,7 +317,10 @@ class GoalQueue:
 
     @property
     def _purpose(self) -> Purpose:
-        """Purpose of a new goal. GOAL needs no pose, if none is reported while a goal runs."""
+        """Purpose with which a new goal is checked.
+
+        It is GOAL, which needs no pose, while a goal runs and the controller reports no joints.
+        """
         moves = self._running is not None and self._robot.joints_unavailable
         return Purpose.GOAL if moves else Purpose.READY
 

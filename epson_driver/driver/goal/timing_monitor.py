@@ -22,8 +22,9 @@ MIN_DEVIATION_FRACTION = 0.2
 of the planned time."""
 
 MIN_FASTER_S, MIN_SLOWER_S = 0.3, 0.5
-"""Minimum absolute difference for a faster and a slower motion, s. A slower motion needs more,
-because the start delay of the controller and the detection of standstill add to its time."""
+"""Minimum difference between actual and planned time that counts as another speed, for faster and
+for slower motions, s. The second is larger, because the start delay of the controller and the
+detection of standstill add to the actual time."""
 
 MAX_FASTER = 1.25
 """Maximum ratio of the controller's speed to the speed of a plan's fastest joint."""

@@ -155,7 +155,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class IoAnswer:
-    """Result for one point of a request. `result`: number of an IoResult. `text`: error, or ''."""
+    """Result for one point. `result`: IoResult number, or 0 with another error in `text`."""
 
     io_type: int
     index: int

@@ -173,7 +173,7 @@ class ServerIo(MessageIo):
         return [PointReply(item.value, item.result) for item in reply.items]
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
+        """Write points in order. Raises IoUnavailableError if the request fails."""
         message = IoWrite(self._next_id(), tuple(settings))
         reply = await self._ask(message, IoWriteReply, timeout)
         _check_addresses(reply, settings)
@@ -231,7 +231,7 @@ class MotomanIo(MessageIo):
         return [await self._ask(_reading(item), timeout) for item in addresses]
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
+        """Write points in order. Raises IoUnavailableError if the request fails."""
         replies: list[PointReply] = []
         try:
             for item in settings:

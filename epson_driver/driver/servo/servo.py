@@ -5,30 +5,28 @@
 Rules:
 
 1. Only one stream is followed at a time, and none while a goal runs. A stream starts with its
-   first setpoint, provided that the arm gate is open, the arm is at rest, no other client moves
-   it, and a position is near the arm. Until then setpoints are refused, and the reason is logged
+   first setpoint if the arm gate is open, the arm is at rest, no other client moves it, and a
+   position setpoint is near the arm. Otherwise the setpoint is refused, and the reason is logged
    once.
 2. Only the newest setpoint is stored and followed. A tracker (motion/setpoint_tracker.py) moves
-   toward it within a fraction of every limit. Its positions are sent as points, one pending at a
-   time and at least `period` apart. Each point covers the time since the previous one, regardless
-   of the rate at which setpoints arrive.
-3. Any closing of the arm gate and every STOP ends the stream immediately, with STOP. All
-   conditions that inhibit motion are checked before each point, in the same turn of the loop that
-   sends it.
-4. After that, and after each closing of the gate, a stream must be released before it is followed
-   again, whichever publisher sends it (restart_interlock.py). The same applies to a stream that
-   was refused. Positions must start near the arm.
-5. Velocities that are all zero, or that stop arriving for `timeout`, send STOP: they mean a
-   released key, and without STOP the controller would still execute its remaining points. The arm
-   comes to rest before it follows the stream again. A pause (speed scaling 0) also sends STOP. If
-   positions stop arriving for `timeout`, the arm ends at the last one. If the arm lags too far
-   behind them (LEFT_BEHIND_S), or if `timeout` is FRESH_S or less, it brakes where it is instead.
-   A stream that was silent for RELEASE_S ends when the arm is at rest. A stream that is silent and
-   whose arm is at rest also ends when a goal arrives.
-6. When the arm is behind positions, it catches up at no more than `catch_up` times their speed,
-   even if the limits would permit more.
-7. The controller never has more than MAX_LAG_S of motion ahead of the arm. No further point is
-   sent before the arm has come closer.
+   toward it within a fraction of every limit. The positions of the tracker are sent as points, one
+   pending at a time and at least `period` apart. Each point covers the time since the previous
+   one, regardless of the rate at which setpoints arrive.
+3. A stop, or closing the arm gate, ends the stream immediately, with STOP. All conditions that
+   inhibit motion are checked before each point, in the same turn of the loop that sends it.
+4. A stream that was stopped or refused must be released before it is followed again, whichever
+   publisher sends it (restart_interlock.py).
+5. Velocities that are all zero, or that stop arriving for `timeout`, mean a released key. The
+   driver then sends STOP, because the controller would still execute its remaining points. The
+   arm comes to rest before it follows the stream again. A pause (speed scaling 0) also sends STOP.
+   If positions stop arriving for `timeout`, the arm stops at the last one. It brakes immediately
+   instead if it lags too far behind the stream (LEFT_BEHIND_S), or if `timeout` is FRESH_S or
+   less. A stream that was silent for RELEASE_S ends when the arm is at rest. If a goal arrives, it
+   ends as soon as it is silent for `timeout` and the arm is at rest.
+6. An arm that is behind a stream of positions catches up at no more than `catch_up` times the
+   speed of the stream, even if the limits permit more.
+7. The points sent are never more than MAX_LAG_S ahead of the arm. No further point is sent until
+   the arm has come closer.
 """
 
 import asyncio
@@ -67,48 +65,50 @@ CYCLE_S = 0.02
 """Period for checking whether to send a point, and whether one may still be sent, s."""
 
 MAX_STEP_S = 0.2
-"""Maximum time that one point covers, s: the controller may take long to reply."""
+"""Maximum time that one point covers, s, even if the controller replies later."""
 
-DURATION_SHARE = 0.8
-"""Fraction of the time covered by a point that is sent as its duration, so that a controller that
-started late can catch up. The tracker is slower by the same fraction, so the arm keeps the servo's
-speed. The same applies where setpoints replace each other: they have no duration, but a fraction
-of the limits. A point sent without waiting has a larger fraction if the tracker moves at the full
-speed that the stream's pace permits."""
+DURATION_FRACTION = 0.8
+"""Duration sent with a point, as a fraction of the time that the point covers. A controller that
+started late can therefore catch up. The tracker is slower by the same fraction, so that the arm
+does not exceed the permitted speed. The fraction is larger if a point would otherwise be faster
+than `_Session.fastest`."""
 
 STOP_WITHIN_S = 0.3
-"""Maximum stopping time with the full limits, s. It bounds the speed of the arm."""
+"""Maximum stopping time of the arm with the full limits, s. It limits the speed of the arm."""
 
 MAX_LAG_S = 0.5
 """Maximum time that is sent ahead of the arm, s."""
 
 MIN_STEP = 1e-6
-"""Minimum change of any joint that is sent before the tracker is at rest, rad or m."""
+"""Minimum change of any joint that is sent while the tracker moves, rad or m."""
 
 REST_STEP = 1e-8
-"""The same for a tracker at rest. Smaller changes are rounding errors."""
+"""Minimum change of any joint that is sent when the tracker is at rest, rad or m. Smaller changes
+are rounding errors."""
 
-SLOWEST_SHARE = 1e-3
+MIN_SPEED_FRACTION = 1e-3
 """Fraction of a joint's velocity limit that is always permitted for following positions."""
 
 LEFT_BEHIND_S = 0.25
-"""Lag behind a stream above which the arm counts as left behind, s. The tracker's lag is less."""
+"""Lag behind a stream above which the arm counts as left behind, s. The normal lag of the tracker
+is shorter."""
 
 NEAR = 0.01
 """Distance to the last point, rad or m, within which an arm at rest has executed all points."""
 
 LATE_REST_S = 2.0
-"""Time after the last reply, s, after which an arm at rest elsewhere will not move any more."""
+"""Time after the last reply, s, after which all points count as executed if the arm is at rest."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
 class ServoCounts:
-    """Counts of setpoints since the start.
+    """Numbers of setpoints since the driver started.
 
-    late: setpoints before which the arm had started to brake. left_behind: setpoints that arrived
-    while the arm was more than LEFT_BEHIND_S behind the stream.
+    received: all setpoints. refused: not followed. clipped: beyond a joint's range or speed. late:
+    arrived after the arm had started to brake. left_behind: arrived while the arm was more than
+    LEFT_BEHIND_S behind the stream.
     """
 
     received: int = 0
@@ -120,19 +120,21 @@ class ServoCounts:
 
 @dataclass(slots=True, eq=False)
 class _Session:
-    """A stream being followed. Times are the loop's, s.
+    """A stream that the arm follows. Times are the event loop's, s.
 
-    sent, sent_velocity: of the last point. sequence: number of the next point. waiting: a reply is
-    pending since `posted`. waited: the last step was longer than usual. span: tracker time since
-    the last point. time: of the last point. braked: the stream was silent and the arm brakes.
-    let_go: STOP was sent for silence, zero velocities or a pause. reference: planned positions
-    from `heard` on. fastest: maximum speed from the stream's pace, shape (n,). behind: lag of the
-    tracker, s. said_behind: this lag has been logged.
+    setpoint: newest setpoint, which arrived at `received`. sent, sent_velocity: position and
+    velocity of the last point. stepped: time of the last tracker step. sequence: number of the
+    next point. waiting: a reply is pending since `posted`. answered: time of the last reply. span:
+    tracker time since the last point, s. time: sum of the durations of all points, s. waited: the
+    last step was longer than usual. braked: the stream is silent and the arm brakes. released:
+    STOP was sent because of silence, zero velocities or a pause. reference: positions and
+    velocities of the newest position setpoint. fastest: maximum permitted speeds, shape (n,).
+    behind: lag of the tracker behind the stream, s. behind_logged: this lag has been logged.
     """
 
     setpoint: Setpoint
     tracker: SetpointTracker
-    heard: float
+    received: float
     sent: Array
     sent_velocity: Array
     stepped: float
@@ -153,7 +155,7 @@ class _Session:
     released: bool = False
     fastest: Array | None = None
     behind: float = 0.0
-    said_behind: bool = False
+    behind_logged: bool = False
 
     @property
     def source(self) -> str:
@@ -161,17 +163,17 @@ class _Session:
 
     @property
     def all_sent(self) -> bool:
-        """Whether all of the tracker's motion has been sent and acknowledged."""
+        """Whether the tracker is at rest, and all its motion has been sent and acknowledged."""
         if self.waiting or not self.sequence or not self.tracker.at_rest:
             return False
         return float(np.abs(self.sent - self.tracker.state[0]).max()) < MIN_STEP
 
 
 class Servo:
-    """Follows streams of setpoints while `run` runs, in the same loop.
+    """Follows streams of setpoints while `run` runs.
 
-    `on_broken_off` is called with an outcome after which the arm must be enabled again, and with
-    True if a reply is missing. `settings` may be changed at any time.
+    `on_broken_off(outcome, unanswered)` is called if the arm must be enabled again. `unanswered`
+    is True if a reply is missing. `settings` may be changed at any time.
     """
 
     def __init__(
@@ -186,7 +188,7 @@ class Servo:
         self.settings = ServoSettings()
         self.counts = ServoCounts()
         self.lag = 0.0
-        """Current or last lag of the arm behind the points that were sent, s."""
+        """Current or last lag of the arm behind the points sent, s."""
         self._limits = limits
         self._robot = robot
         self._why_not = why_not
@@ -196,8 +198,8 @@ class Servo:
         self._session: _Session | None = None
         self._interlock = RestartInterlock()
         self._reported: dict[tuple[str, Cause | str], float] = {}
-        self._begun = asyncio.Event()
-        self._looked = 0.0
+        self._started = asyncio.Event()
+        self._last_cycle = 0.0
         self._clipped_throttle = LogThrottle()
         self._invalid_throttle = LogThrottle()
         self._valid: set[str] = set()
@@ -222,15 +224,15 @@ class Servo:
 
     @property
     def commanded(self) -> Array | None:
-        """Commanded joint positions of the stream being followed, shape (n,), or None."""
+        """Joint positions of the tracker, shape (n,), rad or m, or None without a stream."""
         return None if self._session is None else self._session.tracker.state[0]
 
     def blocked(self, now: float) -> dict[str, float]:
-        """Return the topics that must be released, and the remaining time for each, s."""
+        """Return the topics that must be released, with the remaining time until then, s."""
         return dict(self._interlock.waiting(now))
 
     def active_user(self) -> str | None:
-        """Return why no goal may start now, or None if no stream uses the arm."""
+        """Return why a stream prevents new goals, or None. End the stream if it is finished."""
         session = self._session
         if session is None:
             return None
@@ -243,37 +245,39 @@ class Servo:
     # --- input ------------------------------------------------------------------------------
 
     def take(
-        self, setpoint: Setpoint, came: float | None = None, *, missed: bool = False
+        self, setpoint: Setpoint, arrival: float | None = None, *, missed: bool = False
     ) -> str | None:
         """Follow a setpoint instead of the previous one, or return why it is refused.
 
-        `came`: the loop's time of arrival, s; None: now. `missed`: earlier messages were lost.
+        `arrival`: loop time of the arrival, s; None: now. `missed`: earlier messages were lost.
         """
         now = _now()
         self.counts.received += 1
-        came = now if came is None else came
+        arrival = now if arrival is None else arrival
         if (problem := setpoint.problem(self._limits)) is not None:
-            return self._refuse_invalid(setpoint.source, problem, came)
+            return self._refuse_invalid(setpoint.source, problem, arrival)
         self._valid.add(setpoint.source)
-        asks = self._interlock.receive(setpoint.source, setpoint, came, missed=missed)
+        requests_motion = self._interlock.receive(
+            setpoint.source, setpoint, arrival, missed=missed
+        )
         if self._session is not None:
-            return self._go_on(self._session, setpoint, now, came)
-        if asks:
-            return self._try_to_begin(setpoint, now, came)
-        if setpoint.positions is not None and not self._at(setpoint.positions):
-            if (result := self._why_not(Purpose.LET_GO, now)) is not None:
-                return self._refuse(setpoint, result.cause, result.text_with_remedy)
+            return self._update(self._session, setpoint, now, arrival)
+        if requests_motion:
+            return self._try_to_start(setpoint, now, arrival)
+        if setpoint.positions is not None and not self._is_at(setpoint.positions):
+            if (inhibit := self._why_not(Purpose.LET_GO, now)) is not None:
+                return self._refuse(setpoint, inhibit.cause, inhibit.text_with_remedy)
             text = f'it holds its position: it must move, or pause for {RELEASE_S:g} s first'
             return self._refuse(setpoint, 'far', text)
         return None
 
-    def refuse(self, source: str, why: str, came: float | None = None) -> None:
-        """Record a message that is not a valid setpoint."""
+    def refuse(self, source: str, why: str, arrival: float | None = None) -> None:
+        """Record a message on topic `source` that is not a valid setpoint. See `take`."""
         self.counts.received += 1
-        self._refuse_invalid(source, why, _now() if came is None else came)
+        self._refuse_invalid(source, why, _now() if arrival is None else arrival)
 
     def stop(self, why: str) -> bool:
-        """Stop following any stream, and return whether one was followed."""
+        """Stop the current stream, block all streams, and return whether one was followed."""
         self._interlock.trip(_now())
         self._reported.clear()
         session = self._session
@@ -285,38 +289,39 @@ class Servo:
         return True
 
     def withdraw(self) -> None:
-        """Handle a negative reply to a message that the controller acknowledged before."""
+        """Handle the rejection of a point that the controller had acknowledged."""
         session = self._session
         if session is not None and not session.released:
             self._break_off(session, 'the controller withdrew an acknowledgement')
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Evaluate new joints."""
+        """Process new joints."""
         session = self._session
         if session is None:
             return
         stopped = np.full(len(sample.positions), self._goals.settings.stopped_velocity)
-        session.standstill.see(sample, self._robot, stopped, now)
-        session.lag.see(sample)
+        session.standstill.update(sample, self._robot, stopped, now)
+        session.lag.update(sample)
         self.lag = session.lag.now
 
     async def run(self) -> None:
         """Send points while a stream is followed, until cancelled."""
         while True:
-            await self._begun.wait()
-            self._looked = due = _now()
+            await self._started.wait()
+            self._last_cycle = due = _now()
             while (session := self._session) is not None:
                 self._cycle(session, _now())
                 due = max(due + CYCLE_S, _now())
                 await asyncio.sleep(due - _now())
-            self._begun.clear()
+            self._started.clear()
 
     # --- start ------------------------------------------------------------------------------
 
-    def _try_to_begin(self, setpoint: Setpoint, now: float, came: float) -> str | None:
-        if (result := self._why_not(Purpose.STREAM, now)) is not None:
-            return self._refuse(setpoint, result.cause, result.text_with_remedy)
-        if (waited := now - came) > self.settings.timeout:
+    def _try_to_start(self, setpoint: Setpoint, now: float, arrival: float) -> str | None:
+        """Start to follow a stream, or return why it is refused."""
+        if (inhibit := self._why_not(Purpose.STREAM, now)) is not None:
+            return self._refuse(setpoint, inhibit.cause, inhibit.text_with_remedy)
+        if (waited := now - arrival) > self.settings.timeout:
             text = f'this driver was delayed by {waited:.3g} s after receiving it'
             return self._refuse(setpoint, 'old', text)
         sample = self._robot.sample
@@ -324,11 +329,11 @@ class Servo:
         why = self._why_blocked(setpoint) or self._why_too_far(setpoint, sample)
         if why is not None:
             return self._refuse(setpoint, *why)
-        self._begin(setpoint, sample, now, came)
+        self._start(setpoint, sample, now, arrival)
         return None
 
     def _why_blocked(self, setpoint: Setpoint) -> tuple[str, str] | None:
-        """Return a refusal if the stream must be released first, or None."""
+        """Return kind and text of a refusal if the stream must be released first, else None."""
         if self._interlock.permits(setpoint.source):
             return None
         return 'blocked', (
@@ -336,44 +341,47 @@ class Servo:
         )
 
     def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> tuple[str, str] | None:
-        """Return a refusal if a joint is too far from the first position or its range, or None."""
+        """Return kind and text of a refusal if a joint is too far from the stream, else None.
+
+        A joint must be within `start_tolerance` of the first position, and of its range.
+        """
         limits, tolerance = self._limits, self.settings.start_tolerance
         inside = np.clip(sample.positions, limits.position_min, limits.position_max)
-        wanted = inside if setpoint.positions is None else setpoint.positions
-        for what, there in (('it starts', wanted), ('its range starts', inside)):
-            apart = np.abs(there - sample.positions)
-            joint = int(np.argmax(apart))
-            if apart[joint] > tolerance:
+        target = inside if setpoint.positions is None else setpoint.positions
+        for what, position in (('it starts', target), ('its range starts', inside)):
+            distance = np.abs(position - sample.positions)
+            joint = int(np.argmax(distance))
+            if distance[joint] > tolerance:
                 unit = limits.units[joint]
                 return 'far', (
-                    f'{limits.names[joint]}: {what} at {there[joint]:.6g} {unit}, the joint is at '
-                    f'{sample.positions[joint]:.6g} {unit}: {apart[joint]:.6g} {unit} apart, '
-                    f'servo.start_tolerance is {tolerance:g} {unit}'
+                    f'{limits.names[joint]}: {what} at {position[joint]:.6g} {unit}, the joint is '
+                    f'at {sample.positions[joint]:.6g} {unit}: {distance[joint]:.6g} {unit} '
+                    f'apart, servo.start_tolerance is {tolerance:g} {unit}'
                 )
         return None
 
-    def _begin(self, setpoint: Setpoint, sample: JointSample, now: float, came: float) -> None:
-        """Start a session at the arm's position.
+    def _start(self, setpoint: Setpoint, sample: JointSample, now: float, arrival: float) -> None:
+        """Follow a new stream from the arm's position.
 
-        Raises GoalRejectedError if the controller takes no streams.
+        Raises GoalRejectedError if the controller cannot follow setpoints.
         """
         limits = self._limits
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
         standstill = Standstill(now)
         standstill.expect(None)
-        fraction = servo_limits(limits, self.settings.share, STOP_WITHIN_S)
-        slower = replace(fraction, velocity=DURATION_SHARE * fraction.velocity)
-        tracker = SetpointTracker(slower, start)
+        reduced = servo_limits(limits, self.settings.scale, STOP_WITHIN_S)
+        reduced = replace(reduced, velocity=DURATION_FRACTION * reduced.velocity)
+        tracker = SetpointTracker(reduced, start)
         session = _Session(
             setpoint,
             tracker,
-            came,
+            arrival,
             start,
             np.zeros_like(start),
             now,
             standstill,
             VelocityCheck(limits),
-            StreamSpeedEstimator(start, came),
+            StreamSpeedEstimator(start, arrival),
             StreamFilter(tracker.limits),
             answered=now,
         )
@@ -381,51 +389,53 @@ class Servo:
         self._session = session
         self._goals.plans.end('setpoints moved the arm, while the motion was planned')
         self._reported.clear()
-        self._plot(session, setpoint, came)
-        self._note_beyond(setpoint, session, now)
+        self._update_reference(session, setpoint, arrival)
+        self._report_clipping(setpoint, session, now)
         _log.info('following the stream of %ss on %s', setpoint.mode, setpoint.source)
-        self._begun.set()
+        self._started.set()
         self._post(session, first, now)
 
-    def _go_on(self, session: _Session, setpoint: Setpoint, now: float, came: float) -> str | None:
-        """Process a setpoint while a stream is followed."""
+    def _update(
+        self, session: _Session, setpoint: Setpoint, now: float, arrival: float
+    ) -> str | None:
+        """Process a setpoint while a stream is followed. Return why it is refused, or None."""
         if setpoint.source != session.source or setpoint.mode is not session.setpoint.mode:
             if setpoint.at_rest:
                 return None
             text = f'the arm follows the {session.setpoint.mode} stream on {session.source}'
             return self._refuse(setpoint, 'two', text)
-        if (why := self._contradiction(session, setpoint, came)) is not None:
+        if (why := self._contradiction(session, setpoint, arrival)) is not None:
             return self._refuse_invalid(setpoint.source, why, now)
         session.setpoint = setpoint
         if setpoint.at_rest:  # handled like silence
             self._release(session, now)
             return None
-        session.heard = came
-        self._plot(session, setpoint, came)
+        session.received = arrival
+        self._update_reference(session, setpoint, arrival)
         self.counts.late += session.braked
         self.counts.left_behind += session.behind > LEFT_BEHIND_S
         session.braked = False
-        self._note_beyond(setpoint, session, now)
+        self._report_clipping(setpoint, session, now)
         return None
 
-    def _contradiction(self, session: _Session, setpoint: Setpoint, came: float) -> str | None:
+    def _contradiction(self, session: _Session, setpoint: Setpoint, arrival: float) -> str | None:
         """Return how the positions of a stream contradict its velocities, or None."""
         if setpoint.positions is None or setpoint.velocities is None:
             return None
-        return session.check.add(came, setpoint.positions, setpoint.velocities)
+        return session.check.add(arrival, setpoint.positions, setpoint.velocities)
 
-    def _plot(self, session: _Session, setpoint: Setpoint, came: float) -> None:
+    def _update_reference(self, session: _Session, setpoint: Setpoint, arrival: float) -> None:
         """Update the reference from a position setpoint."""
         if setpoint.positions is None:
             return
         estimate = None
         if setpoint.window is None:
             trusted = setpoint.velocities if session.check.trusted else None
-            estimate = session.filter.add(came, setpoint.positions, trusted)
+            estimate = session.filter.add(arrival, setpoint.positions, trusted)
         session.reference = StreamReference(setpoint, self._limits, estimate)
-        session.pace.add(came, session.reference)
+        session.pace.add(arrival, session.reference)
 
-    def _note_beyond(self, setpoint: Setpoint, session: _Session, now: float) -> None:
+    def _report_clipping(self, setpoint: Setpoint, session: _Session, now: float) -> None:
         beyond = setpoint.beyond(self._limits, session.tracker.limits.velocity)
         if beyond is None:
             return
@@ -433,18 +443,18 @@ class Servo:
         if (line := self._clipped_throttle.line(beyond, now)) is not None:
             _log.warning('a setpoint on %s clipped to the joint limit: %s', setpoint.source, line)
 
-    def _note_behind(self, session: _Session, behind: float) -> None:
+    def _report_lag(self, session: _Session, behind: float) -> None:
         session.behind = behind
-        if behind <= LEFT_BEHIND_S or session.said_behind:
+        if behind <= LEFT_BEHIND_S or session.behind_logged:
             return
-        session.said_behind = True
+        session.behind_logged = True
         _log.warning(
             'the arm is %.2g s behind the stream on %s (gap or too fast), catching up at most at '
             '%g times its speed (servo.catch_up) and %g of the limits (servo.scale)',
             behind,
             session.source,
             self.settings.catch_up,
-            self.settings.share,
+            self.settings.scale,
         )
 
     def _refuse(self, setpoint: Setpoint, kind: Cause | str, text: str) -> str:
@@ -459,9 +469,10 @@ class Servo:
             _log.warning('the stream on %s is not followed: %s', setpoint.source, text)
         return text
 
-    def _refuse_invalid(self, source: str, why: str, came: float) -> str:
+    def _refuse_invalid(self, source: str, why: str, arrival: float) -> str:
+        """Count an invalid setpoint, log the reason with a limited rate, and return it."""
         self.counts.refused += 1
-        self._interlock.receive(source, None, came, missed=False)
+        self._interlock.receive(source, None, arrival, missed=False)
         if source != self.source:
             self._interlock.block(source)
         early = source not in self._valid  # for example, from a client without a state
@@ -474,28 +485,28 @@ class Servo:
             _log.log(level, 'a setpoint on %s was dropped: %s', source, line)
         return why
 
-    def _at(self, positions: Array) -> bool:
-        """Return whether the arm is at positions, shape (n,)."""
+    def _is_at(self, positions: Array) -> bool:
+        """Return whether all joints are within NEAR of positions, shape (n,)."""
         sample = self._robot.sample
         return sample is not None and float(np.abs(sample.positions - positions).max()) <= NEAR
 
     # --- motion -----------------------------------------------------------------------------
 
     def _cycle(self, session: _Session, now: float) -> None:
-        """Advance the tracker and send its position, if motion is permitted."""
-        gap, self._looked = now - self._looked, now
+        """Advance the tracker and send its position, or stop or end the stream."""
+        gap, self._last_cycle = now - self._last_cycle, now
         paused = not self._goals.scaling.target
-        if (result := self._why_not_on(session, now)) is not None:
-            self.stop(result.text)
+        if (inhibit := self._why_no_point(session, now)) is not None:
+            self.stop(inhibit.text)
         elif session.released:
             if self._stopper.over and (not paused or self._silent(session, now)):
-                self._go_on_or_end(session, now)
+                self._restart_or_end(session, now)
         elif paused and not self._done(session, now):
             self._release(session, now)
         elif session.setpoint.mode is Mode.VELOCITY and self._silent(session, now):
             session.braked = True
             self._release(session, now)
-        elif min(gap, now - session.heard) > RELEASE_S and not session.tracker.at_rest:
+        elif min(gap, now - session.received) > RELEASE_S and not session.tracker.at_rest:
             self.stop(f'this driver was delayed by {gap:.3g} s')  # the arm may be at rest by now
         elif session.waiting:
             session.posted += max(gap - MAX_COUNTED_GAP_S, 0.0)  # its reply may be unread
@@ -507,12 +518,15 @@ class Servo:
                 )
         else:
             self._step_or_wait(session, now)
-        silent = now - session.heard > RELEASE_S
+        silent = now - session.received > RELEASE_S
         if silent and session is self._session and self._done(session, now):
             self._end(session)
 
     def _step_or_wait(self, session: _Session, now: float) -> None:
-        """Take a step, or wait for the arm or its state. Break off after the reply timeout."""
+        """Advance the tracker, unless the arm lags too far behind or its state is stale.
+
+        Breaks off if this lasts longer than the reply timeout.
+        """
         stale = self._robot.stale(now)
         waited = now - max(session.answered, session.standstill.alive)
         if (stale or session.lag.now > MAX_LAG_S) and waited > self.settings.reply_timeout:
@@ -523,9 +537,9 @@ class Servo:
             self._step(session, now)
 
     def _silent(self, session: _Session, now: float) -> bool:
-        return now - session.heard > self.settings.timeout
+        return now - session.received > self.settings.timeout
 
-    def _why_not_on(self, session: _Session, now: float) -> Inhibit | None:
+    def _why_no_point(self, session: _Session, now: float) -> Inhibit | None:
         """Return why no further point may be sent, or None."""
         return self._why_not(Purpose.LET_GO if session.released else Purpose.FOLLOW, now)
 
@@ -539,7 +553,7 @@ class Servo:
         self._track(session, now, dt)
         position, velocity, _ = tracker.state
         if session.reference is not None:
-            self._note_behind(session, session.pace.see(now, position))
+            self._report_lag(session, session.pace.lag(now, position))
         session.span += dt
         moved = float(np.abs(position - session.sent).max())
         if moved < (REST_STEP if tracker.at_rest else MIN_STEP):
@@ -563,13 +577,13 @@ class Servo:
         step = dt / count
         if silent or factor == 0.0:
             session.braked |= silent and not tracker.at_rest
-            ends = self.settings.timeout > FRESH_S and session.behind <= LEFT_BEHIND_S
-            tracker.brake(setpoint.positions if ends and factor > 0.0 else None, factor)
+            at_last = self.settings.timeout > FRESH_S and session.behind <= LEFT_BEHIND_S
+            tracker.brake(setpoint.positions if at_last and factor > 0.0 else None, factor)
             tracker.step(dt)
         elif session.reference is not None:
-            aim, speed = self._aim(session, session.reference, now, dt, step, factor)
-            for left in reversed(range(count)):
-                tracker.follow(step, aim.before(left * step), speed)
+            target, speed = self._target(session, session.reference, now, dt, step, factor)
+            for remaining in reversed(range(count)):
+                tracker.follow(step, target.before(remaining * step), speed)
                 tracker.step(step)
         else:
             assert setpoint.velocities is not None  # noqa: S101 - one of the two is there
@@ -577,7 +591,7 @@ class Servo:
                 tracker.move(step, setpoint.velocities * factor)
                 tracker.step(step)
 
-    def _aim(
+    def _target(
         self,
         session: _Session,
         reference: StreamReference,
@@ -586,55 +600,57 @@ class Servo:
         step: float,
         factor: float,
     ) -> tuple[ServoTarget, Array]:
-        """Return the target and the maximum speed. In a window, look ahead by the arm's lag.
+        """Return the target at `now`, and the maximum speed as fractions of the limits.
 
-        An arm that is behind positions catches up at `catch_up` times their speed. The speed is
-        limited for each joint separately, so the arm stays approximately on their line.
+        The target in a window is ahead of `now` by the arm's lag. The maximum speed is `catch_up`
+        times the stream's speed, for each joint separately, so that the arm stays approximately on
+        the path of the stream.
         """
         limits = session.tracker.limits
-        own = np.maximum(session.pace.fastest(), SLOWEST_SHARE * limits.velocity)
-        session.fastest = self.settings.catch_up * own
-        slack = DURATION_SHARE if session.waited else 1.0
+        stream_speed = np.maximum(session.pace.fastest(), MIN_SPEED_FRACTION * limits.velocity)
+        session.fastest = self.settings.catch_up * stream_speed
+        slack = DURATION_FRACTION if session.waited else 1.0
         speed = np.minimum(session.fastest / slack / limits.velocity, factor)
         if session.setpoint.window is None:
             return session.filter.aim(now, dt - step), speed
-        age = now - session.heard
-        known = reference.reach + MAX_EXTRAPOLATION_S
-        ahead = max(min(age + session.lag.behind, known), age)
-        return reference.aim(ahead, step, limits), speed
+        age = now - session.received
+        end = reference.reach + MAX_EXTRAPOLATION_S
+        time = max(min(age + session.lag.behind, end), age)
+        return reference.aim(time, step, limits), speed
 
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float
     ) -> Message:
         """Return the message of the next point, `span` s of tracker time after the last one.
 
-        Raises GoalRejectedError if it violates a limit, or if the controller takes no streams.
+        Raises GoalRejectedError if the point exceeds a limit, or if the controller cannot follow
+        setpoints.
         """
-        fraction = DURATION_SHARE
+        fraction = DURATION_FRACTION
         if session.fastest is not None and span > 0.0 and not session.waited:
             speeds = np.abs([session.sent_velocity, velocity, (position - session.sent) / span])
             fraction = min(max(fraction, float((speeds / session.fastest).max())), 1.0)
         duration = span * fraction
-        way = Trajectory(
+        step = Trajectory(
             self._limits.names,
             np.array([session.time, session.time + duration]),
             np.array([session.sent, position]),
             np.array([session.sent_velocity, velocity]) / fraction,
         )
         if span > 0.0:
-            check_limits(way, self._limits, may_end_moving=True)
-        message = self._stopper.delivery.setpoint(way, session.sequence)
+            check_limits(step, self._limits, may_end_moving=True)
+        message = self._stopper.delivery.setpoint(step, session.sequence)
         session.sent, session.sent_velocity = position, velocity
         session.span = 0.0
         session.time += duration
         return message
 
     def _post(self, session: _Session, message: Message, now: float) -> None:
-        """Send a point, unless motion is inhibited now."""
+        """Send a point, or stop the stream if motion is inhibited now."""
         if session is not self._session:
             return
-        if (result := self._why_not_on(session, now)) is not None:
-            self.stop(result.text)
+        if (inhibit := self._why_no_point(session, now)) is not None:
+            self.stop(inhibit.text)
             return
         sequence = session.sequence
         session.sequence += 1
@@ -662,21 +678,21 @@ class Servo:
     # --- end --------------------------------------------------------------------------------
 
     def _release(self, session: _Session, now: float) -> None:
-        """Send STOP, unless all points are executed.
+        """Send STOP, unless all points are executed, but keep the stream.
 
-        This is not a requested stop, so the stream need not be silent before it continues.
+        Unlike after `stop`, the stream may move the arm again without a release.
         """
         if not session.released and not self._done(session, now):
             session.released = True
             self._stopper.stop()
 
-    def _go_on_or_end(self, session: _Session, now: float) -> None:
-        """Restart the stream from the current position if motion was requested since its STOP."""
+    def _restart_or_end(self, session: _Session, now: float) -> None:
+        """End a released stream, or restart it if its newest setpoint requests motion."""
         self._session = None
         if session.setpoint.at_rest or self._silent(session, now):
             _log.info('the stream on %s has ended, and the arm is at rest', session.source)
         else:
-            self._try_to_begin(session.setpoint, now, session.heard)
+            self._try_to_start(session.setpoint, now, session.received)
 
     def _done(self, session: _Session, now: float) -> bool:
         """Return whether all points are executed and the arm is at rest."""
@@ -685,12 +701,12 @@ class Servo:
             return False
         if not session.standstill.reached(sample.measured):
             return False
-        return self._at(session.sent) or now - session.answered > LATE_REST_S
+        return self._is_at(session.sent) or now - session.answered > LATE_REST_S
 
     def _end(self, session: _Session) -> None:
-        """End a stream that is over and whose arm is at rest."""
+        """End a silent stream. The arm is at rest."""
         self._session = None
-        if self._at(session.sent):
+        if self._is_at(session.sent):
             self._stopper.goal_reached()
         _log.info('the stream on %s has ended, and the arm is at rest', session.source)
 
@@ -702,7 +718,7 @@ class Servo:
         unanswered: bool = False,
         unexplained: bool = False,
     ) -> None:
-        """Stop and disable the arm, because the controller's further motion is unknown."""
+        """Stop and disable the arm, because the controller may or may not execute its points."""
         self._session = None
         self._stopper.stop()
         outcome = Outcome(End.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, why, unexplained)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A setpoint of a stream, its arrival, and the settings for all streams."""
+"""Setpoints of a stream, detection of lost setpoints, and the settings for all streams."""
 
 import time
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 
-POSSIBLE_SHARE = 1.1
-"""Fraction of a joint's velocity limit above which claimed motion is an error."""
+MAX_SPEED_FACTOR = 1.1
+"""Maximum speed of a setpoint, as a multiple of the joint's velocity limit."""
 
 WINDOW_BEHIND_S = 0.04
 """Maximum delay of a window's positions relative to the integral of its velocities, s."""
 
 SLACK = 1e-3
-"""Additional tolerance for rounding and noise, rad or m."""
+"""Additional tolerance of `contradiction` for rounding and noise, rad or m."""
 
 
 SAME_POSITION = 1e-6
-"""Maximum difference between positions that count as the same held position, rad or m."""
+"""Maximum difference between positions that count as equal, rad or m."""
 
-STILL = 1e-4
-"""Velocity of a held position that counts as zero, rad/s or m/s: the residue of a filter."""
+MAX_REST_VELOCITY = 1e-4
+"""Maximum velocity that counts as zero, rad/s or m/s. Filters may leave a small residue."""
 
 
 class Mode(StrEnum):
@@ -36,16 +36,16 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:
-    """Settings for following streams. Changes apply to the next stream, `timeout` immediately.
+    """Settings for following streams. A change of `scale` applies to the next stream.
 
-    share: fraction of the velocity, acceleration and jerk limits, (0, 1]. timeout: silence that
-    ends a stream, s. start_tolerance: maximum distance of the first position from the arm, rad or
-    m. reply_timeout: maximum wait for a reply while the arm does not move, s. period: minimum time
-    between two points, s. catch_up: speed of an arm that is behind positions, as a multiple of
-    their speed, ≥ 1.
+    scale: fraction of the velocity, acceleration and jerk limits, (0, 1]. timeout: time without
+    setpoints after which the arm stops, s. start_tolerance: maximum distance of the first position
+    from the arm, rad or m. reply_timeout: maximum wait for a reply while the arm does not move, s.
+    period: minimum time between two points, s. catch_up: maximum speed of an arm that is behind
+    the stream, as a multiple of the stream's speed, ≥ 1.
     """
 
-    share: float = 0.25
+    scale: float = 0.25
     timeout: float = 0.1
     start_tolerance: float = 0.1
     reply_timeout: float = 5.0
@@ -55,10 +55,10 @@ class ServoSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Points of a stream's near future, k ≥ 2.
+    """The next k ≥ 2 points of a stream, from one message.
 
-    times: strictly increasing, shape (k,), s since the message arrived. positions: shape (k, n),
-    rad or m. velocities: the same shape, per s, or None.
+    times: since the arrival of the message, strictly increasing, shape (k,), s. positions: shape
+    (k, n), rad or m. velocities: shape (k, n), rad/s or m/s, or None.
     """
 
     times: Array
@@ -74,9 +74,10 @@ NO_STATE_YET = 'its sender has no state yet: all values are NaN'
 class Setpoint:
     """One setpoint from the topic `source`, with joints in the controller's order.
 
-    `positions` have shape (n,), rad or m, and `velocities` the same shape, per s. With
-    positions, the velocities describe how these continue. Otherwise the velocities are the target.
-    At least one must be present. For a `window`, positions and velocities are from its last point.
+    positions: shape (n,), rad or m, or None for a velocity setpoint. velocities: shape (n,), rad/s
+    or m/s. They are the target of a velocity setpoint, and optional for positions. window: all
+    points of a message with several. The positions and velocities are then those of its last
+    point.
     """
 
     source: str
@@ -91,20 +92,20 @@ class Setpoint:
 
     @property
     def at_rest(self) -> bool:
-        """Whether all velocities are zero, as from a released joystick."""
+        """Whether this is a velocity setpoint of zero, as from a released joystick."""
         return self.positions is None and not np.any(self.velocities)
 
     @property
     def holds(self) -> bool:
-        """Whether the setpoint holds one position without motion."""
+        """Whether this is a position setpoint without velocity or motion in its window."""
         if self.positions is None:
             return False
-        if self.velocities is not None and np.abs(self.velocities).max() > STILL:
+        if self.velocities is not None and np.abs(self.velocities).max() > MAX_REST_VELOCITY:
             return False
         return self.window is None or np.ptp(self.window.positions, axis=0).max() <= SAME_POSITION
 
     def problem(self, limits: JointLimits) -> str | None:
-        """Return why the setpoint cannot be followed, as a sentence, or None if it can."""
+        """Return why the setpoint is invalid, or None if it is valid."""
         if self.positions is None and self.velocities is None:
             return 'it has neither positions nor velocities'
         for name, values in (('positions', self.positions), ('velocities', self.velocities)):
@@ -124,34 +125,38 @@ class Setpoint:
         return None
 
     def _window_problem(self, window: Window, limits: JointLimits) -> str | None:
-        """Return the problem of a point before the last one, or None."""
+        """Return why the window is invalid, or None if it is valid."""
         for name, values in (('positions', window.positions), ('velocities', window.velocities)):
             if values is None:
                 continue
             if values.shape != (len(window.times), len(limits.names)):
                 return f'{name} of shape {values.shape} for {len(limits.names)} joints'
-            wrong = np.argwhere(~np.isfinite(values))
-            if wrong.size:
-                point, joint = wrong[0].tolist()
+            invalid = np.argwhere(~np.isfinite(values))
+            if invalid.size:
+                point, joint = invalid[0].tolist()
                 value = values[point, joint]
                 return f'{limits.names[joint]}: {name} = {value} is not finite, in point {point}'
         spans = np.diff(window.times)[:, None]
         steps = np.diff(window.positions, axis=0)
-        if why := _too_fast(steps / spans, limits, 'the way between two points as velocity'):
+        if why := _too_fast(steps / spans, limits, 'mean velocity between two points'):
             return why
         if window.velocities is None:
             return None
         if (why := _too_fast(window.velocities, limits, 'velocity')) is not None:
             return why
-        led = np.cumsum(spans * (window.velocities[:-1] + window.velocities[1:]) / 2.0, axis=0)
+        means = (window.velocities[:-1] + window.velocities[1:]) / 2.0
         return contradiction(
-            np.cumsum(steps, axis=0), led, window.velocities, limits, WINDOW_BEHIND_S
+            np.cumsum(steps, axis=0),
+            np.cumsum(spans * means, axis=0),
+            window.velocities,
+            limits,
+            WINDOW_BEHIND_S,
         )
 
     def beyond(self, limits: JointLimits, fastest: Array) -> str | None:
-        """Return the joint whose target exceeds its range or speed, as a clause, or None.
+        """Return a text with the first joint whose target exceeds its range or speed, or None.
 
-        `fastest`: maximum velocities for velocity setpoints, shape (n,).
+        `fastest`: maximum velocities for velocity setpoints, shape (n,), rad/s or m/s.
         """
         if self.positions is not None:
             values, low, high, what = (
@@ -175,88 +180,96 @@ class Setpoint:
 
 
 def contradiction(
-    moved: Array, led: Array, velocities: Array, limits: JointLimits, within: float
+    moved: Array, integral: Array, velocities: Array, limits: JointLimits, max_delay: float
 ) -> str | None:
-    """Return the joint whose velocities contradict its positions, as a clause, or None.
+    """Return a text with the first joint whose velocities contradict its positions, or None.
 
-    `moved`: displacement since the first position. `led`: integral of the velocities over the same
-    time. Both have shape (k, n), rad or m. `velocities`: velocities of all points, shape (m, n).
-    `within`: permitted delay of the positions at the highest of these velocities, s.
+    `moved`: displacement since the first position, shape (k, n), rad or m. `integral`: integral of
+    the velocities over the same time, shape (k, n), rad or m. `velocities`: velocities of all
+    points, shape (m, n), rad/s or m/s. `max_delay`: maximum delay of the positions relative to the
+    integral, s.
     """
-    behind = np.abs(led) - np.maximum(moved * np.sign(led), 0.0)
-    wrong = np.argwhere(behind > within * np.abs(velocities).max(axis=0) + SLACK)
-    if not wrong.size:
+    behind = np.abs(integral) - np.maximum(moved * np.sign(integral), 0.0)
+    contradicting = np.argwhere(behind > max_delay * np.abs(velocities).max(axis=0) + SLACK)
+    if not contradicting.size:
         return None
-    row, joint = wrong[0].tolist()
+    row, joint = contradicting[0].tolist()
     unit = limits.units[joint]
     return (
-        f'{limits.names[joint]}: its velocities lead by {led[row, joint]:.3g} {unit}, where its '
-        f'positions move by {moved[row, joint]:.3g} {unit}'
+        f'{limits.names[joint]}: its velocities add up to {integral[row, joint]:.3g} {unit}, but '
+        f'its positions move by {moved[row, joint]:.3g} {unit}'
     )
 
 
 def _too_fast(velocities: Array, limits: JointLimits, what: str) -> str | None:
-    """Return the joint that exceeds its possible speed, as a clause, or None."""
-    wrong = np.argwhere(np.abs(velocities) > POSSIBLE_SHARE * limits.velocity)
-    if not wrong.size:
+    """Return a text with the first joint that is faster than MAX_SPEED_FACTOR, or None.
+
+    `what`: name of the velocities.
+    """
+    too_fast = np.argwhere(np.abs(velocities) > MAX_SPEED_FACTOR * limits.velocity)
+    if not too_fast.size:
         return None
-    joint = int(wrong[0, -1])
+    joint, value = int(too_fast[0, -1]), velocities[tuple(too_fast[0])]
     return (
-        f'{limits.names[joint]}: {what} {velocities[tuple(wrong[0])]:.6g} {limits.units[joint]}/s '
-        f'is above the joint limit, {limits.velocity[joint]:.6g} {limits.units[joint]}/s'
+        f'{limits.names[joint]}: {what} {value:.6g} {limits.units[joint]}/s is above the joint '
+        f'limit, {limits.velocity[joint]:.6g} {limits.units[joint]}/s'
     )
 
 
 GAP_S = 0.2
-"""Gap in a topic, s, above which lost messages are attributed to a stall of this process, in which
-newer messages replaced them. Losses in a shorter gap are attributed to the network."""
+"""Minimum gap between two messages, s, after which lost messages are attributed to a stall of this
+process. Losses without a gap are attributed to the network."""
 
 LONGEST_WAIT_S = 10.0
-"""Maximum plausible wait of a message, s. A longer one means that the system clock was set."""
+"""Maximum plausible time of a message in the queue, s. A longer time means that the system clock
+was set."""
 
 DISCOVERY_S = 10.0
-"""Time after the start of this process, s, within which a newly discovered publisher may have been
-sending before, to an earlier instance of the driver."""
+"""Time after the start of this process, s, in which a new publisher may already have sent
+setpoints to an earlier instance of the driver."""
 
 MAX_PUBLISHERS = 32
-"""Maximum number of publishers tracked per topic. The latest ones are stored."""
+"""Maximum number of publishers per topic that are tracked."""
 
 
 class ArrivalMonitor:
     """Distinguishes silence on a topic from messages lost while this process was stalled.
 
-    The queue is short, so a process that stalled for a second may not have seen a second of
-    silence. Each publisher numbers its messages, but ROS does not identify the publisher of a
-    message. `started`: when this process started to receive, monotonic time, s.
+    Newer messages replace older ones in the short queue of a subscription. Lost messages are
+    therefore detected by their sequence numbers. Each publisher counts separately, and ROS does
+    not identify the publisher of a message. `started`: monotonic time at which this process
+    started to receive, s.
     """
 
     def __init__(self, started: float) -> None:
         self._started = started
         self._newest: list[int] = []
-        self._came = 0.0
+        """Last sequence number of each publisher."""
+        self._last_arrival = 0.0
 
-    def missed(self, number: int | None, came: float) -> bool:
+    def missed(self, number: int | None, arrival: float) -> bool:
         """Return whether messages were lost between the previous message and this one.
 
         `number`: publication_sequence_number of the message; None if the middleware has none.
-        `came`: monotonic time, s.
+        `arrival`: monotonic time of arrival, s.
         """
-        gap, self._came = came - self._came, came
+        gap, self._last_arrival = arrival - self._last_arrival, arrival
         if number is None:
             return False
         before = max((item for item in self._newest if item < number), default=0)
         if before:
             self._newest.remove(before)
         self._newest = [*self._newest[-(MAX_PUBLISHERS - 1) :], number]
-        if not before:  # a new publisher: later on, its earlier messages were not for this process
-            return number > 1 and came - self._started < DISCOVERY_S
+        if not before:  # a new publisher, whose earlier messages this process may have missed
+            return number > 1 and arrival - self._started < DISCOVERY_S
         return number - before > 1 and gap > GAP_S
 
 
 def came_at(received: int | None) -> float:
-    """Return the arrival time of a message, monotonic, s. It may have waited for its callback.
+    """Return the monotonic time at which a message arrived, s, before it waited in the queue.
 
-    `received`: when the middleware received it, ns of the system clock; None or 0 if unknown.
+    `received`: system time at which the middleware received the message, ns. If it is None, 0 or
+    implausible, the current time is returned.
     """
     waited = time.time() - received * 1e-9 if received else 0.0
     return time.monotonic() - (waited if 0.0 <= waited <= LONGEST_WAIT_S else 0.0)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates from a stream's setpoints: target, velocity, speed and lag of the arm."""
+"""Estimates from the setpoints of a stream: target of the arm, speed of the stream, lag."""
 
 from bisect import bisect_right
 from collections import deque
@@ -16,48 +16,48 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.setpoint_tracker import ServoTarget, stopping_distance
 
 FIT_SPANS_S = (0.8, 0.3, 0.14)
-"""Spans of setpoints that may be fitted together, s. The longest span in which the setpoints are a
-line apart from noise is used. The shortest span is fitted with a parabola, however noisy it is."""
+"""Time spans in which setpoints may be fitted, s. The longest span in which a line fits all
+setpoints, apart from noise, is used. In the shortest span a parabola is fitted."""
 
 NOISE = 1.5e-3
 """Maximum rms deviation from a line that counts as noise, rad or m."""
 
 RANDOM = 1.0
-"""Minimum ratio of squared successive differences to squared deviations for noise (von Neumann's
-ratio: 2 for noise, 0 for a curve)."""
+"""Minimum ratio of squared successive differences to squared deviations that counts as noise. This
+is von Neumann's ratio: 2 for noise, 0 for a curve."""
 
 SIGNIFICANT = 4.0
-"""Multiple of a slope's variance from noise that is subtracted from its square. A slope whose
-square is smaller is treated as 0."""
+"""Multiple of a slope's variance that is subtracted from the slope's square. Slopes that noise can
+explain are therefore treated as 0."""
 
 LAG_S = 0.034
-"""Age of the position that is followed in a stream of positions, s. It ensures that setpoints are
-known on both sides of that position."""
+"""Age of the position that the arm follows in a stream of positions, s. With this lag, setpoints
+are known before and after the position."""
 
 LAG_WITH_VELOCITIES_S = 0.004
-"""The same lag for setpoints with velocities."""
+"""Age of the position that the arm follows in a stream of positions with velocities, s."""
 
 FRESH_S = 0.07
-"""Time for which a setpoint is extrapolated, s. Afterward the arm rests at that setpoint."""
+"""Time for which a setpoint is extrapolated, s. After that the arm stops at the setpoint."""
 
 PASSED = 1e-3
-"""Maximum distance beyond a setpoint at which a stream stops, rad or m."""
+"""Tolerance by which the arm may pass the last setpoint of a stream, rad or m."""
 
 ABRUPT = 0.2
-"""Minimum change of velocity from one setpoint to the next that is abrupt, rad/s or m/s."""
+"""Minimum change of velocity between two setpoints that counts as abrupt, rad/s or m/s."""
 
-ABRUPT_SHARE = 0.8
-"""Minimum change as a fraction of the larger velocity, which also has to be exceeded. A stream
-that starts abruptly may also stop abruptly."""
+ABRUPT_FRACTION = 0.8
+"""Minimum abrupt change as a fraction of the larger velocity. Both minimums must be exceeded."""
 
 FORGET_S = 30.0
 """Time constant for forgetting abrupt changes, s. One gentle reversal clears them immediately."""
 
 MIN_SPAN_S = 0.01
-"""Minimum interval for estimating velocity, s. Closer arrivals are network bunching."""
+"""Minimum interval for estimating a velocity, s. Shorter intervals between arrivals are caused by
+the network."""
 
-OLDEST_SHARE = 0.2
-"""Filter weight of a new setpoint in the usual age of a setpoint before the next one."""
+AGE_FILTER_WEIGHT = 0.2
+"""Weight of a new value in the filtered age of a setpoint when the next one arrives."""
 
 ABRUPT_MARGIN = 1.2
 """Expected size of the next abrupt stop, as a multiple of the largest abrupt change."""
@@ -68,123 +68,121 @@ MIN_FITTED = 6
 ROUNDING = 1e-12
 """Maximum difference between positions that count as equal, rad or m."""
 
-
 TINY = 1e-30
+"""Minimum divisor, which prevents a division by zero."""
 
 
 class StreamFilter:
-    """Estimates where the joints are to be from setpoints that are late, noisy or missing.
+    """Estimates the target of the arm from position setpoints that are late, noisy or missing.
 
-    A line is fitted through the longest span of setpoints whose deviations from it are noise.
-    Janabi-Sharifi et al. (2000) choose the span for encoder velocities in this manner. If even a
-    short span is not a line, a parabola is fitted through the newest setpoints. The followed
-    position is a little in the past of the fit, where it is known best. Given velocities are
-    integrated first, so that only the remainder of the positions is fitted.
+    A line is fitted to the longest span of setpoints whose deviations from the line are noise.
+    Janabi-Sharifi et al. (2000) choose the span for encoder velocities in this manner. If a line
+    does not even fit a short span, a parabola is fitted. The target lags a little behind the
+    newest setpoint, because the fit is most accurate inside its span. If the setpoints have
+    velocities, these are integrated, and only the difference to the positions is fitted.
 
-    The joints do not pass a position where the stream stops, as far as they can stop there. A
-    stream that has once changed its velocity abruptly may do so again. It is therefore followed at
-    the distance needed to stop from such a velocity. A stream that moves like a machine or a hand
-    decelerates before its end, so it needs no such distance. Times are the loop's, s.
+    The arm does not pass the last setpoint of a stream, as far as its limits permit. A stream that
+    has changed its velocity abruptly may also stop abruptly. The arm then follows it at the
+    distance needed to stop. Other streams decelerate before their end, so the distance is not
+    needed. Times are the event loop's, s. `limits`: limits with which the joints stop.
     """
 
     def __init__(self, limits: JointLimits) -> None:
-        """Set the limits with which the joints stop."""
         self._limits = limits
-        none = np.zeros((0, len(limits.names)))
+        empty = np.zeros((0, len(limits.names)))
         self._times = np.zeros(0)
-        self._positions = self._velocities = self._led = none
+        self._positions = self._velocities = self._integral = empty
         """Setpoint times, shape (k,), positions, velocities and their integral, shape (k, n)."""
         self._fit: tuple[Array, ...] = ()
-        """Time in the middle, and value, slope and second derivative there, each of shape (n,)."""
-        self._speed = self._abrupt = none.sum(axis=0)
-        """Last velocity between two setpoints, and largest abrupt change that is remembered."""
-        self._age = self._oldest = 0.0
-        """Age of the newest setpoint at the last step, and usual age when the next one arrives."""
+        """Middle of the span, and value, slope and second derivative there, each shape (n,)."""
+        self._speed = self._abrupt = empty.sum(axis=0)
+        """Last velocity between two setpoints, and largest recent abrupt change, shape (n,)."""
+        self._age = self._usual_age = 0.0
+        """Age of the newest setpoint at the last step, and filtered age when the next arrives."""
 
     def add(self, time: float, positions: Array, velocities: Array | None = None) -> Array:
-        """Add a setpoint with shapes (n,), and return the stream's minimum speed, shape (n,).
+        """Add a setpoint, and return an estimate of its velocity. All arrays have shape (n,).
 
-        It is the smaller of the fitted velocity and the velocity over the last step.
+        The estimate is the fitted velocity or the velocity since the previous setpoint, whichever
+        is smaller, and 0 if they differ in sign.
         """
         limits = self._limits
         position = np.clip(positions, limits.position_min, limits.position_max)
         velocity = np.zeros_like(position) if velocities is None else velocities
         velocity = np.clip(velocity, -limits.velocity, limits.velocity)
-        led = np.zeros_like(position)
+        integral = np.zeros_like(position)
         if (before := len(self._times)) and time > self._times[-1]:
             span = time - self._times[-1]
-            led = self._led[-1] + span * (self._velocities[-1] + velocity) / 2.0
-            report = (position - self._positions[-1]) / max(span, MIN_SPAN_S)
-            self._see_speed(velocity if velocity.any() else report, span)
-            self._oldest += OLDEST_SHARE * (self._age - self._oldest)
+            integral = self._integral[-1] + span * (self._velocities[-1] + velocity) / 2.0
+            mean = (position - self._positions[-1]) / max(span, MIN_SPAN_S)
+            self._add_speed(velocity if velocity.any() else mean, span)
+            self._usual_age += AGE_FILTER_WEIGHT * (self._age - self._usual_age)
             first = int(np.searchsorted(self._times, time - FIT_SPANS_S[0]))
         elif before:  # at the same time: replaces the previous setpoint
-            first, led, time = 0, self._led[-1], float(self._times[-1])
-            self._times, self._positions, self._velocities, self._led = (
-                item[:-1] for item in (self._times, self._positions, self._velocities, self._led)
-            )
+            first, integral, time = 0, self._integral[-1], float(self._times[-1])
+            self._times, self._positions = self._times[:-1], self._positions[:-1]
+            self._velocities, self._integral = self._velocities[:-1], self._integral[:-1]
         else:
-            self._see_speed(velocity, 0.0)
+            self._add_speed(velocity, 0.0)
             first = 0
         self._times = np.append(self._times[first:], time)
         self._positions = np.concatenate([self._positions[first:], position[None]])
         self._velocities = np.concatenate([self._velocities[first:], velocity[None]])
-        self._led = np.concatenate([self._led[first:], led[None]])
+        self._integral = np.concatenate([self._integral[first:], integral[None]])
         self._fit = self._fitted()
         middle, _, slope, curvature = self._fit
         speed = velocity + slope + curvature * (time - middle)
         lower = np.minimum(np.abs(speed), np.abs(self._speed))
         return np.where(speed * self._speed > 0.0, lower, 0.0)
 
-    def _see_speed(self, speed: Array, span: float) -> None:
-        """Compare the velocity between two setpoints with the previous one."""
+    def _add_speed(self, speed: Array, span: float) -> None:
+        """Update the largest abrupt change with a velocity, `span` s after the previous one."""
         change = np.abs(speed - self._speed)
         fastest = np.maximum(np.abs(speed), np.abs(self._speed))
-        abrupt = (change > ABRUPT) & (change > ABRUPT_SHARE * fastest)
+        abrupt = (change > ABRUPT) & (change > ABRUPT_FRACTION * fastest)
         turned = (speed * self._speed < 0.0) & np.logical_not(abrupt)
         remembered = np.where(turned, 0.0, self._abrupt * np.exp(-span / FORGET_S))
         self._abrupt = np.maximum(remembered, np.where(abrupt, change, 0.0))
         self._speed = speed
 
     def _fitted(self) -> tuple[Array, ...]:
-        """Fit the positions minus the integrated velocities, in the longest suitable span."""
-        report = self._positions - self._led
-        count = report.shape[1]
+        """Fit the positions minus the integrated velocities, separately for each joint."""
+        differences = self._positions - self._integral
+        count = differences.shape[1]
         chosen = np.zeros((4, count))
-        open_ = np.ones(count, dtype=bool)
+        undecided = np.ones(count, dtype=bool)
         now = self._times[-1]
         for span in FIT_SPANS_S:
             first = int(np.searchsorted(self._times, now - span - 1e-6))
-            times, values = self._times[first:], report[first:]
+            times, values = self._times[first:], differences[first:]
             last = span == FIT_SPANS_S[-1]
             if not last and len(times) < MIN_FITTED:
                 continue
             fit, noise = _line(times, values) if not last else (_parabola(times, values), None)
-            chosen[:, open_] = fit[:, open_]
+            chosen[:, undecided] = fit[:, undecided]
             if noise is not None:
-                open_ = open_ & np.logical_not(noise)
-            if not open_.any():
+                undecided = undecided & np.logical_not(noise)
+            if not undecided.any():
                 break
         first = int(np.searchsorted(self._times, now - FIT_SPANS_S[-1]))
         resting = np.ptp(self._positions[first:], axis=0) < ROUNDING
         resting &= ~np.any(self._velocities[first:], axis=0)
-        chosen[1] = np.where(resting, report[-1], chosen[1])
+        chosen[1] = np.where(resting, differences[-1], chosen[1])
         chosen[2:, resting] = 0.0
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0) -> ServoTarget:
-        """Return the target of the joints at `now`, a time later than all setpoints.
+        """Return the target of the arm at `now`, which must be later than all setpoints.
 
-        `ahead`: time by which the current step is longer than usual, s. A stop starts earlier by
-        this time.
+        `ahead`: time by which the current step is longer than usual, s.
         """
         times, limits = self._times, self._limits
         age = float(now - times[-1])
         self._age = age - ahead
         lag = LAG_WITH_VELOCITIES_S if self._velocities[-1].any() else LAG_S
         if age > FRESH_S:
-            position, still = self._positions[-1], np.zeros_like(self._speed)
-            return ServoTarget(position, still, still, position - PASSED, position + PASSED)
+            position, zero = self._positions[-1], np.zeros_like(self._speed)
+            return ServoTarget(position, zero, zero, position - PASSED, position + PASSED)
         middle, value, slope, curvature = self._fit
         time = now - lag
         index = max(int(np.searchsorted(times, time, side='right')) - 1, 0)
@@ -197,15 +195,15 @@ class StreamFilter:
             before = max(index - 3, 0)
             span = max(times[index] - times[before], 2.0 * MIN_SPAN_S)
             acceleration = (velocity - self._velocities[before]) / span
-        led = self._led[index] + since * (velocity + since * acceleration / 2.0)
-        away = time - middle
-        position = value + away * (slope + away * curvature / 2.0) + led
-        velocity = velocity + since * acceleration + slope + away * curvature
+        integral = self._integral[index] + since * (velocity + since * acceleration / 2.0)
+        offset = time - middle
+        position = value + offset * (slope + offset * curvature / 2.0) + integral
+        velocity = velocity + since * acceleration + slope + offset * curvature
         acceleration = acceleration + curvature
-        # the minimum that the stream shows: it may stop there
+        # positions that the stream has reached: it may stop at one of them
         newest = self._positions[-1] + age * self._velocities[-1]
         shown = np.concatenate([self._positions[index:], newest[None]])
-        # the fitted velocity stays between the velocities of the adjacent setpoints
+        # limit the fitted velocity to the velocities between the adjacent setpoints
         last = slice(max(index - 1, 0), None)
         if len(times[last]) > 1 and not self._velocities[-1].any():
             steps = np.diff(self._positions[last], axis=0) / np.diff(times[last])[:, None]
@@ -215,38 +213,38 @@ class StreamFilter:
             velocity = within
         speed = np.abs(velocity)
         abrupt = np.minimum(speed, ABRUPT_MARGIN * self._abrupt)
-        way = stopping_distance(limits, abrupt)
-        stop = way + abrupt * (self._oldest - lag)
+        stop = stopping_distance(limits, abrupt) + abrupt * (self._usual_age - lag)
         # the same delay for all joints, so that they stay on their line
-        back = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
-        on = np.maximum(stopping_distance(limits, speed) + speed * (age - lag) - back, 0.0)
-        low = shown.min(axis=0) - PASSED - np.where(velocity < 0.0, on, 0.0)
-        high = shown.max(axis=0) + PASSED + np.where(velocity > 0.0, on, 0.0)
-        position = np.clip(position, low, high) - np.sign(velocity) * back
-        been = self._positions[int(np.searchsorted(times, now - FIT_SPANS_S[1])) :]
+        distance = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
+        beyond = np.maximum(stopping_distance(limits, speed) + speed * (age - lag) - distance, 0.0)
+        low = shown.min(axis=0) - PASSED - np.where(velocity < 0.0, beyond, 0.0)
+        high = shown.max(axis=0) + PASSED + np.where(velocity > 0.0, beyond, 0.0)
+        position = np.clip(position, low, high) - np.sign(velocity) * distance
+        recent = self._positions[int(np.searchsorted(times, now - FIT_SPANS_S[1])) :]
         position = np.clip(
             position,
-            np.minimum(low, been.min(axis=0, initial=np.inf)),
-            np.maximum(high, been.max(axis=0, initial=-np.inf)),
+            np.minimum(low, recent.min(axis=0, initial=np.inf)),
+            np.maximum(high, recent.max(axis=0, initial=-np.inf)),
         )
         return ServoTarget(position, velocity, acceleration, low, high)
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Fit lines to values of shape (k, n), k ≥ 3 (format of `StreamFilter._fit`).
+    """Fit a line to each column of values of shape (k, n), k ≥ 3.
 
-    Return the fits, and whether their residuals are noise, shape (n,).
+    Return the fits in the format of `StreamFilter._fit`, shape (4, n), and whether the residuals
+    are noise, shape (n,).
     """
     middle = times.mean()
-    away = times - middle
+    offsets = times - middle
     mean = values.mean(axis=0)
-    off = values - mean
-    spread = float(away @ away)
-    slope = (away @ off) / spread
-    left = off - away[:, None] * slope
-    squares = (left * left).sum(axis=0)
+    deviations = values - mean
+    spread = float(offsets @ offsets)
+    slope = (offsets @ deviations) / spread
+    residuals = deviations - offsets[:, None] * slope
+    squares = (residuals * residuals).sum(axis=0)
     variance = squares / (len(times) - 2)
-    steps = np.diff(left, axis=0)
+    steps = np.diff(residuals, axis=0)
     noise = (variance <= NOISE**2) & ((steps * steps).sum(axis=0) >= RANDOM * squares)
     certain = 1.0 - SIGNIFICANT * variance / spread / np.maximum(slope * slope, TINY)
     slope = slope * np.maximum(certain, 0.0)
@@ -254,20 +252,23 @@ def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _parabola(times: Array, values: Array) -> Array:
-    """Fit parabolas to values of shape (k, n), or lines to fewer than four."""
+    """Fit a parabola to each column of values of shape (k, n), or a line if k < 4.
+
+    Return the fits in the format of `StreamFilter._fit`, shape (4, n).
+    """
     middle = times.mean()
-    away = times - middle
+    offsets = times - middle
     mean = values.mean(axis=0)
-    spread = float(away @ away)
+    spread = float(offsets @ offsets)
     fit = np.zeros((4, values.shape[1]))
     fit[0], fit[1] = middle, mean
     if len(times) < 2:
         return fit
-    fit[2] = (away @ (values - mean)) / spread
+    fit[2] = (offsets @ (values - mean)) / spread
     if len(times) < 4:
         return fit
-    cubes, square = float((away**3).sum()) / spread, spread / len(times)
-    bend = away * away - cubes * away - square  # orthogonal to points and lines
+    cubes, square = float((offsets**3).sum()) / spread, spread / len(times)
+    bend = offsets * offsets - cubes * offsets - square  # orthogonal to constants and lines
     curvature = (bend @ values) / float(bend @ bend)
     fit[1] -= curvature * square
     fit[2] -= curvature * cubes
@@ -276,60 +277,60 @@ def _parabola(times: Array, values: Array) -> Array:
 
 
 MOVED = 1e-3
-"""Minimum displacement that shows the arm's direction, rad or m."""
+"""Minimum displacement for determining the arm's direction of motion, rad or m."""
 
 CHECK_MEMORY_S = 0.4
-"""Maximum age of setpoints that are compared, s."""
+"""Maximum age of setpoints whose positions and velocities are compared, s."""
 
 BEHIND_S = 0.1
 """Maximum delay of positions relative to the integral of their velocities, s."""
 
 TRUSTED_AFTER_S = 0.15
-"""Time of agreement between velocities and positions until velocities are trusted, s."""
+"""Time for which velocities must agree with the positions before they are used, s."""
 
 
 class VelocityCheck:
-    """Compares positions with the integral of their velocities, over CHECK_MEMORY_S."""
+    """Compares the positions of setpoints with the integral of their velocities."""
 
     def __init__(self, limits: JointLimits) -> None:
         self._limits = limits
-        self._seen: deque[tuple[float, Array, Array]] = deque()
+        self._setpoints: deque[tuple[float, Array, Array]] = deque()
         self.trusted = False
-        """Whether the positions have agreed with the velocities for long enough."""
+        """Whether the velocities have agreed with the positions for TRUSTED_AFTER_S."""
 
     def add(self, time: float, positions: Array, velocities: Array) -> str | None:
-        """Add a setpoint with shapes (n,), received at `time` s, and return a contradiction.
+        """Add a setpoint, received at `time` s, with arrays of shape (n,).
 
-        Returns None if the positions agree with the velocities.
+        Returns None if the positions agree with the velocities, else a text with the difference.
         """
-        seen = self._seen
-        if seen and time - seen[-1][0] > CHECK_MEMORY_S:
-            seen.clear()
-        seen.append((time, positions, velocities))
-        while time - seen[0][0] > CHECK_MEMORY_S:
-            seen.popleft()
+        setpoints = self._setpoints
+        if setpoints and time - setpoints[-1][0] > CHECK_MEMORY_S:
+            setpoints.clear()
+        setpoints.append((time, positions, velocities))
+        while time - setpoints[0][0] > CHECK_MEMORY_S:
+            setpoints.popleft()
         self.trusted = False
-        if len(seen) < 2:
+        if len(setpoints) < 2:
             return None
-        times = np.array([item[0] for item in seen])
-        claimed = np.array([item[2] for item in seen])
-        led = np.diff(times) @ (claimed[:-1] + claimed[1:]) / 2.0
-        moved = positions - seen[0][1]
-        message = contradiction(moved[None], led[None], claimed, self._limits, BEHIND_S)
-        self.trusted = message is None and time - seen[0][0] >= TRUSTED_AFTER_S
-        return message
+        times = np.array([item[0] for item in setpoints])
+        rates = np.array([item[2] for item in setpoints])
+        integral = np.diff(times) @ (rates[:-1] + rates[1:]) / 2.0
+        moved = positions - setpoints[0][1]
+        problem = contradiction(moved[None], integral[None], rates, self._limits, BEHIND_S)
+        self.trusted = problem is None and time - setpoints[0][0] >= TRUSTED_AFTER_S
+        return problem
 
 
 MAX_EXTRAPOLATION_S = 0.04
-"""Time for which a setpoint is extrapolated with its last velocity, s. It lasts until the next one
-comes, in streams of 30 Hz and more."""
+"""Time for which the last point of a setpoint is extrapolated with its velocity, s. It covers the
+time until the next setpoint at rates of 30 Hz and more."""
 
 
 class StreamReference:
-    """Positions and velocities over time, from one position setpoint.
+    """Positions and velocities over time, from one position setpoint or its window.
 
-    All points of a window are used, within the range and the velocity limits. Times count from the
-    arrival of the setpoint, s. `estimate`: velocities for a setpoint without any, shape (n,).
+    All values are clipped to the limits. Times are relative to the arrival of the setpoint, s.
+    `estimate`: velocities if the setpoint has neither velocities nor a window, shape (n,).
     """
 
     def __init__(
@@ -339,8 +340,8 @@ class StreamReference:
         window = setpoint.window
         if window is None:
             times, positions = np.zeros(1), setpoint.positions[None]
-            given = setpoint.velocities if setpoint.velocities is not None else estimate
-            velocities = np.zeros_like(positions) if given is None else given[None]
+            rates = setpoint.velocities if setpoint.velocities is not None else estimate
+            velocities = np.zeros_like(positions) if rates is None else rates[None]
         else:
             times, positions = window.times, window.positions
             velocities = (
@@ -352,17 +353,17 @@ class StreamReference:
         self._positions = np.clip(positions, limits.position_min, limits.position_max)
         self._velocities = np.clip(velocities, -limits.velocity, limits.velocity)
         self.fastest: Array = np.abs(self._velocities).max(axis=0)
-        """Highest speed of each joint, shape (n,)."""
+        """Highest speed of each joint, shape (n,), rad/s or m/s."""
 
     @property
     def reach(self) -> float:
-        """Time after its arrival for which a setpoint is known, s (0: a single setpoint)."""
+        """Time of the last point, s, or 0 for a setpoint without a window."""
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:
-        """Return the target at a time of a window, for a step of `dt` s.
+        """Return the target at a time of the window, for a step of `dt` s.
 
-        The joints pass neither the later points nor the stopping position at the window's end.
+        The target's bounds include the later points and the stop after the end of the window.
         """
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
@@ -376,13 +377,13 @@ class StreamReference:
     def at(self, time: float) -> tuple[Array, Array]:
         """Return position and velocity at a time, shapes (n,).
 
-        Between points a cubic is used. Before the first point the joints are at rest. After the
-        last point its velocity continues for MAX_EXTRAPOLATION_S.
+        The interpolation is cubic. Before the first point, the values of the first point are
+        returned. After the last point, its velocity continues for MAX_EXTRAPOLATION_S.
         """
         times, positions, velocities = self._times, self._positions, self._velocities
         if time >= times[-1]:
-            on = min(time - times[-1], MAX_EXTRAPOLATION_S)
-            return positions[-1] + on * velocities[-1], velocities[-1]
+            extra = min(time - times[-1], MAX_EXTRAPOLATION_S)
+            return positions[-1] + extra * velocities[-1], velocities[-1]
         index = bisect_right(times, time) - 1
         if index < 0:
             return positions[0], velocities[0]
@@ -399,15 +400,15 @@ class StreamReference:
 
 
 PACE_SPAN_S = 0.1
-"""Minimum duration of a step for estimating its speed, s: messages may come in bursts."""
+"""Minimum interval for estimating the speed of a stream, s, because messages arrive in bursts."""
 
 PACE_MEMORY_S = 0.5
-"""Minimum time for which a speed is remembered, s."""
+"""Minimum time for which a speed is stored, s."""
 
 
 @dataclass(slots=True)
-class _Passage:
-    """Position and speed of a stream at a time, s, shapes (n,)."""
+class _StreamState:
+    """Position and speed of a stream, shapes (n,), at a time, s."""
 
     time: float
     position: Array
@@ -415,46 +416,48 @@ class _Passage:
 
 
 class StreamSpeedEstimator:
-    """Estimates the speed of a stream of positions over the path that is still to be followed.
+    """Estimates the speed of a stream of positions over the path ahead of the arm.
 
-    The first step starts at the arm's position `start`, shape (n,). Times are the loop's, s.
+    `start`: position of the arm at the start, shape (n,). Times are the event loop's, s.
     """
 
     def __init__(self, start: Array, time: float) -> None:
-        first = _Passage(time - PACE_SPAN_S, start, np.zeros_like(start))
-        self._way = deque([first], maxlen=MAX_SENT)
+        first = _StreamState(time - PACE_SPAN_S, start, np.zeros_like(start))
+        self._path = deque([first], maxlen=MAX_SENT)
         self._passed = 0
+        """Index of the position that the arm has passed last."""
 
     def add(self, time: float, reference: StreamReference) -> None:
         """Add a setpoint of the stream, later than the previous ones."""
         position, _ = reference.at(0.0)
         before = next(
-            (item for item in reversed(self._way) if time - item.time >= PACE_SPAN_S), self._way[0]
+            (item for item in reversed(self._path) if time - item.time >= PACE_SPAN_S),
+            self._path[0],
         )
         span = max(time - before.time, PACE_SPAN_S)
         speed = np.maximum(np.abs(position - before.position) / span, reference.fastest)
-        self._passed -= len(self._way) == self._way.maxlen
-        self._way.append(_Passage(time, position, speed))
+        self._passed -= len(self._path) == self._path.maxlen
+        self._path.append(_StreamState(time, position, speed))
 
-    def see(self, time: float, position: Array) -> float:
-        """Return how far a commanded position of the arm, shape (n,), is behind the stream, s."""
-        way = self._way
-        first = max(self._passed, 0)
-        if float(np.abs(way[-1].position - position).max()) <= NEAR:
-            first = len(way) - 1
+    def lag(self, time: float, position: Array) -> float:
+        """Return the lag of a commanded position, shape (n,), behind the stream, s."""
+        path = self._path
+        passed = max(self._passed, 0)
+        if float(np.abs(path[-1].position - position).max()) <= NEAR:
+            passed = len(path) - 1
         else:
-            ahead = np.array([item.position for item in islice(way, first, first + NEXT)])
-            first += int(np.argmin(np.abs(ahead - position).max(axis=1)))
-        behind = 0.0 if first == len(way) - 1 else way[-1].time - way[first].time
-        while first and time - way[0].time > PACE_MEMORY_S:
-            way.popleft()
-            first -= 1
-        self._passed = first
+            ahead = np.array([item.position for item in islice(path, passed, passed + NEXT)])
+            passed += int(np.argmin(np.abs(ahead - position).max(axis=1)))
+        behind = 0.0 if passed == len(path) - 1 else path[-1].time - path[passed].time
+        while passed and time - path[0].time > PACE_MEMORY_S:
+            path.popleft()
+            passed -= 1
+        self._passed = passed
         return behind
 
     def fastest(self) -> Array:
-        """Return the highest speed of each joint on that path, shape (n,)."""
-        speeds: Array = np.array([item.speed for item in self._way]).max(axis=0)
+        """Return the highest speed of each joint on the stored path, shape (n,)."""
+        speeds: Array = np.array([item.speed for item in self._path]).max(axis=0)
         return speeds
 
 
@@ -468,67 +471,70 @@ BEHIND_FILTER_S = 0.2
 """Time constant for smoothing the lag of the arm, s."""
 
 NEXT = 25
-"""Number of setpoints compared with the arm's position, from the last nearest one."""
+"""Maximum number of stored positions that are searched for the one nearest to the arm."""
 
 
 class StreamLag:
-    """Compares the arm's position with the positions sent. Times are the loop's, s."""
+    """Lag of the arm behind the positions sent. Times are the event loop's, s."""
 
     def __init__(self) -> None:
         self.now = 0.0
-        """Time from sending the arm's current position to its newest measurement, s. It is 0 if
-        the arm is at the position that was sent last."""
+        """Time since the arm's current position was sent, s. It is 0 if the arm is at the position
+        that was sent last."""
         self.behind = 0.0
-        """The same, smoothed over samples in motion. Samples at the last position sent are
-        ignored: an arm that moves from point to point is there whenever it receives the next."""
-        self._seen = 0.0
+        """Filtered value of `now`, s. Samples at the last position sent are ignored, because an
+        arm that stops at each point is always there when it receives the next point."""
+        self._last_sample = 0.0
         self._sent: deque[tuple[float, Array]] = deque(maxlen=MAX_SENT)
-        self._from: Array | None = None
+        self._position: Array | None = None
         self._direction: Array = np.zeros(0)
-        """Last step of the arm of more than MOVED, and its end, shapes (n,)."""
+        """Last displacement of the arm by more than MOVED, shape (n,), which ended at `_position`.
+        """
 
     @property
     def ahead(self) -> float:
-        """Time by which the points sent are ahead of the arm, s. It shrinks if none are added."""
+        """Time span of the points sent that the arm has not passed, s."""
         return self._sent[-1][0] - self._sent[0][0] if self._sent else 0.0
 
     def sent(self, time: float, position: Array) -> None:
         """Record a position that was sent, shape (n,)."""
         self._sent.append((time, position))
 
-    def see(self, sample: JointSample) -> None:
+    def update(self, sample: JointSample) -> None:
         """Update the lag from a sample of the arm's position."""
         sent = self._sent
         if not sent:
             return
-        moved = sample.positions - (sample.positions if self._from is None else self._from)
-        if self._from is None or np.abs(moved).max() > MOVED:
-            self._from, self._direction = sample.positions, moved
+        before = sample.positions if self._position is None else self._position
+        moved = sample.positions - before
+        if self._position is None or np.abs(moved).max() > MOVED:
+            self._position, self._direction = sample.positions, moved
         if float(np.abs(sent[-1][1] - sample.positions).max()) <= NEAR:
             passed, self.now = len(sent) - 1, 0.0
         else:
             near = np.array([position for _, position in islice(sent, NEXT)])
             passed = self._passed(near, sample.positions)
             self.now = max(sample.measured - sent[passed][0], 0.0)
-            fraction = min((sample.measured - self._seen) / BEHIND_FILTER_S, 1.0)
-            self.behind += fraction * (self.now - self.behind)
-        self._seen = sample.measured
+            weight = min((sample.measured - self._last_sample) / BEHIND_FILTER_S, 1.0)
+            self.behind += weight * (self.now - self.behind)
+        self._last_sample = sample.measured
         for _ in range(passed):
             sent.popleft()
 
     def _passed(self, near: Array, position: Array) -> int:
-        """Return the index of the position sent, shape (k, n), that the arm passed last.
+        """Return the index of the position that the arm passed last.
 
-        On a path to and fro the arm is near a position twice, and its direction shows which one it
-        is. The nearest position with motion in that direction is returned, unless it is farther
-        away than the overall nearest position by more than half a step.
+        `near`: positions sent, shape (k, n). `position`: position of the arm, shape (n,). A path
+        may pass a position twice in opposite directions. The nearest position in the arm's
+        direction is therefore preferred, unless it is farther away than the nearest one by more
+        than half a step.
         """
-        away = np.abs(near - position).max(axis=1)
-        nearest = int(np.argmin(away))
-        ways = np.diff(near, axis=0)
-        along = ways @ self._direction > 0.0
+        distances = np.abs(near - position).max(axis=1)
+        nearest = int(np.argmin(distances))
+        steps = np.diff(near, axis=0)
+        along = steps @ self._direction > 0.0
         if not along.any():
             return nearest
-        result = int(np.argmin(np.where(along, away[:-1], np.inf)))
-        step = float(np.abs(ways[result]).max())
-        return result if away[result] <= away[nearest] + step / 2.0 else nearest
+        result = int(np.argmin(np.where(along, distances[:-1], np.inf)))
+        step = float(np.abs(steps[result]).max())
+        return result if distances[result] <= distances[nearest] + step / 2.0 else nearest

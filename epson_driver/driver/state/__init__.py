@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's state, as reported and derived: pose, velocity, standstill, pauses."""
+"""State of the arm and its controller: positions, velocities, standstill and pauses."""

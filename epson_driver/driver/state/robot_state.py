@@ -35,7 +35,7 @@ class PauseDetector:
         """
         self._was_possible = False
 
-    def see(self, status: Status) -> None:
+    def update(self, status: Status) -> None:
         """Process the next status."""
         self._was_possible |= status.motion_possible == TriState.TRUE
         denied = (
@@ -205,13 +205,13 @@ class RobotState:
         self.status = status
         self.status_time = now
         self.status_measured = self._clock.measured
-        self._pause.see(status)
+        self._pause.update(status)
 
     def enabled(self) -> None:
         """Restart the detection of pauses, because the arm was enabled."""
         self._pause = PauseDetector()
         if self.status is not None:
-            self._pause.see(self.status)
+            self._pause.update(self.status)
 
     @property
     def paused(self) -> bool:

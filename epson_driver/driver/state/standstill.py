@@ -10,17 +10,19 @@ from epson_driver.motion import Array
 from epson_driver.simple_message import TriState
 
 REST_TIME_S = 0.05
-"""Standstill after which the arm counts as at rest, s. Longer than the window in which velocities
-are estimated."""
+"""Standstill after which the arm counts as at rest, s. It is longer than VELOCITY_WINDOW_S, in
+which velocities are estimated."""
 
 UNCONFIRMED_REST_TIME_S = 1.0
-"""The same if the controller has not acknowledged STOP, s. It may still execute earlier points."""
+"""Standstill after which the arm counts as at rest if the controller has not acknowledged STOP, s.
+The controller may still execute earlier points."""
 
 UNREPORTED_REST_TIME_S = 0.2
-"""The same at a goal if the controller does not report whether the arm moves, s."""
+"""Standstill after which the arm counts as at rest at a goal if the controller does not report
+whether the arm moves, s."""
 
 MIN_MOVEMENT_RAD = 1e-4
-"""Minimum change of position that counts as motion, rad. Encoders resolve much less."""
+"""Minimum change of position that counts as motion, rad. The resolution of encoders is finer."""
 
 
 class Standstill:
@@ -53,7 +55,7 @@ class Standstill:
         """Change the required standstill, s. A standstill in progress continues."""
         self._rest = rest
 
-    def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
+    def update(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
         """Process a sample, and the status of `robot`.
 
         `stopped`: velocities below which the joints count as stopped, shape (n,), rad/s.
@@ -81,5 +83,5 @@ class Standstill:
         return self._since is not None
 
     def reached(self, now: float) -> bool:
-        """Return whether the required standstill is reached at `now`, a measurement time."""
+        """Return whether the arm has been at rest long enough. `now`: `measured` of a sample."""
         return self._since is not None and now - self._since >= self._rest

@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stopping the arm and keeping it still: STOP, motors and the arm gate."""
+"""Stopping the arm and inhibiting motion: STOP, motors, heartbeats and the arm gate."""

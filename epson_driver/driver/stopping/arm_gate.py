@@ -38,8 +38,8 @@ class ArmGate:
     """The gate that inhibits motion while it is closed. It starts closed.
 
     Only an EnableRequest opens it (docs/invariants.md, 4). A restored link, a released E-stop or
-    motors that are switched on again do not. Any call of `close` cancels pending requests, even if
-    the gate is already closed.
+    motors that are switched on again do not. A reason to close the gate also cancels pending
+    requests, even if the gate is already closed.
     """
 
     def __init__(self) -> None:

@@ -68,14 +68,14 @@ class Heartbeat:
                 self._request = self._state.post(GetVersion(), self._on_version)
 
     def repeat_request(self) -> None:
-        """Request the version again if support is not confirmed: the reply may be missing."""
+        """Request the version again if no version that supports heartbeats was received."""
         if self._request is not None and not self._supported:
             self._state.give_up(self._request)
             self._request = None
             self.request_version()
 
     def reset(self) -> None:
-        """Discard the version, because the state link was lost."""
+        """Discard the version of the controller's program, because the state link was lost."""
         self._request, self._supported = None, False
 
     def before_point(self) -> None:

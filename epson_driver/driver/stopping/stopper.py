@@ -213,7 +213,7 @@ class Stopper:
         if self._since is not None and not self.answered and self._unsent is None:
             self._not_sent('the motion link was lost')
 
-    def see(self, now: float) -> None:
+    def update(self, now: float) -> None:
         """Check whether the arm is at rest, after new joints or a new status."""
         sample = self._robot.sample
         if self._since is None or sample is None:
@@ -223,7 +223,7 @@ class Stopper:
                 REST_TIME_S if self._acknowledged else UNCONFIRMED_REST_TIME_S
             )
         stopped = np.full(len(sample.positions), self.stopped_velocity)
-        self._standstill.see(sample, self._robot, stopped, now)
+        self._standstill.update(sample, self._robot, stopped, now)
         if self._standstill.reached(sample.measured):
             self._end(now)
 

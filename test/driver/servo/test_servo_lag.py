@@ -137,7 +137,7 @@ SPEED = 0.5
 
 
 def measure(lag, time, position):
-    lag.see(JointSample(time, np.array([position]), np.zeros(1), time))
+    lag.update(JointSample(time, np.array([position]), np.zeros(1), time))
 
 
 def test_constant_lag_is_measured():

@@ -164,7 +164,7 @@ async def test_gap_in_a_stream_is_recorded_and_the_stream_continues():
 async def test_position_outside_the_range_is_followed_to_the_limit(logged):
     far = LIMITS.position_max[0]
     async with cell(smooth=True) as (harness, _):
-        harness.driver.servo.settings = ServoSettings(share=0.5)
+        harness.driver.servo.settings = ServoSettings(scale=0.5)
         await send(harness, ramp(far + 0.4, speed=2.0), 3.5)
         await over(harness)
         assert harness.at[0] == pytest.approx(far, abs=1e-4)

@@ -238,8 +238,8 @@ class Oracle:
     def __init__(self, harness):
         self._servo = harness.driver.servo
         self._received = deque()
-        self._begin = self._servo._begin
-        self._servo._begin = self._checked
+        self._start = self._servo._start
+        self._servo._start = self._checked
         self.stopped = -np.inf
         self.started = 0
         self._followed = set()
@@ -272,7 +272,7 @@ class Oracle:
                 held = other.positions if held is None else held
                 np.testing.assert_array_equal(other.positions, held)
         self.started += 1
-        self._begin(setpoint, sample, time, arrival)
+        self._start(setpoint, sample, time, arrival)
 
 
 async def publisher(oracle, random):

@@ -105,12 +105,12 @@ def test_empty_setpoint_is_refused():
         ),
         (
             Setpoint('~/servo', STILL[0], window=Window(np.array([0.0, 1e-9]), changed(0.05))),
-            'joint_3: the way between two points as velocity -5e+07 rad/s is above the '
+            'joint_3: mean velocity between two points -5e+07 rad/s is above the '
             'joint limit, 8.97 rad/s',
         ),
         (
             Setpoint('~/servo', STILL[0], window=Window(TIMES, STILL, STILL + 1.0)),
-            'joint_1: its velocities lead by 0.1 rad, where its positions move by 0 rad',
+            'joint_1: its velocities add up to 0.1 rad, but its positions move by 0 rad',
         ),
     ],
     ids=['velocity', 'points too near each other', 'contradiction'],

@@ -28,7 +28,7 @@ def test_inv5_samples_from_before_the_motion_are_not_rest_after_it(delay, in_mot
         robot.on_status(Status(in_motion=in_motion), sent + late)
         sample = robot.on_joints(joint_data([0.0]), sent + 0.005 + late)
         if sample is not None:
-            standstill.see(sample, robot, STOPPED, sent + late)
+            standstill.update(sample, robot, STOPPED, sent + late)
         return sample
 
     while sent < after:
@@ -53,5 +53,5 @@ def test_inv5_burst_measured_before_the_expected_motion_is_not_rest():
     standstill.expect(BEGIN + 0.7)
     for _ in range(40):  # 0.2 s of samples, read at 0.71 s
         sample = robot.on_joints(joint_data([0.0]), BEGIN + 0.71)
-        standstill.see(sample, robot, STOPPED, BEGIN + 0.71)
+        standstill.update(sample, robot, STOPPED, BEGIN + 0.71)
         assert standstill._since is None
