@@ -334,7 +334,7 @@ class PanelUser:
         while True:
             self.robot.look(self._sample, self._status)
             self._sample = self._status = None
-            self.control.look()
+            self.control.update()
             await asyncio.sleep(LOOK_S)
 
     # --- the world ---------------------------------------------------------------------------

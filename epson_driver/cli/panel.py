@@ -20,6 +20,8 @@ from epson_driver.processes.interrupt import ending_signals
 from epson_driver.share import share_folder
 from epson_driver.trajectory_file import read_trajectory
 
+PORT = 8080
+
 TOKEN_BYTES = 24
 """Random bytes in the token of a panel that other machines can reach."""
 
@@ -90,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--port',
         type=argument(FREE_PORT),
-        default=8080,
+        default=PORT,
         metavar='PORT',
         help='port to listen on (0: any free port, default: %(default)s)',
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shared parts of the report's and the panel's pages: drawing of an arm, three.js and uPlot."""
+"""Shared parts of the pages of report and panel: the drawing of an arm, three.js and uPlot."""
 
 import base64
 from importlib.resources import files
@@ -15,7 +15,7 @@ from epson_driver.robots.urdf import link_surfaces
 
 
 def packed_arm(model: RobotModel) -> dict[str, Any]:
-    """Return the data with which the page draws the arm at any joint positions."""
+    """Return the kinematics and the meshes of a model as JSON data, for arm.js."""
     meshes = [
         {'link': number, 'colour': list(colour)} | packed(*_indexed(corners))
         for number, link in enumerate(link_surfaces(model))
@@ -31,13 +31,16 @@ def packed_arm(model: RobotModel) -> dict[str, Any]:
 
 
 def _indexed(corners: npt.NDArray[np.float32]) -> tuple[Array, Any]:
-    """Return the vertices of triangles, shape (v, 3), m, and their indices, shape (f, 3)."""
+    """Return distinct vertices, shape (v, 3), m, and indices of the triangles, shape (f, 3)."""
     vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices.astype(float), index.reshape(-1, 3)
 
 
 def packed(vertices: Array, triangles: Any) -> dict[str, Any]:
-    """Return a mesh as base64: vertices as 16 bit numbers within its box, 16 bit indices."""
+    """Return a mesh as base64: vertices as 16-bit fractions of its bounding box, 16-bit indices.
+
+    Raises ValueError if the mesh has more than 65535 vertices.
+    """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     size = np.where(high > low, high - low, 1.0)
     steps = np.round((vertices - low) / size * 65535.0).astype('<u2')
@@ -52,10 +55,10 @@ def packed(vertices: Array, triangles: Any) -> dict[str, Any]:
 
 
 def text(values: Any) -> str:
-    """Return an array's bytes as base64."""
+    """Return the bytes of an array as base64."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode('ascii')
 
 
 def asset(name: str) -> str:
-    """Return the text of a script or a style: bundle.js, bundle.css or arm.js."""
+    """Return the text of bundle.js, bundle.css or arm.js."""
     return files(__name__).joinpath('assets', name).read_text(encoding='utf-8')

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Access rules: only the panel's own page, at its own address, with the token if one is set.
 
-Every page open in the same browser can send requests to this port. They are distinguished by the
-header Origin, which no page can set. Only the panel's own origin may open the websocket, and a
-request without Origin may not. HTTP requests carry no Origin when a person follows a link, so a
-missing one is accepted there, but not a foreign address in Host (DNS rebinding).
+Every page in the same browser can send requests to this port. The header Origin, which pages
+cannot change, names the page that sends a request. A websocket needs the panel's own origin. Other
+requests may lack an Origin, because browsers send none when a user follows a link. The header Host
+must name this machine, which prevents DNS rebinding.
 """
 
 import hmac
@@ -23,14 +23,14 @@ LOOPBACK_NAMES = frozenset({'127.0.0.1', 'localhost', '[::1]'})
 
 
 class Rejection(NamedTuple):
-    """The HTTP status and text of the response to a rejected request."""
+    """The response to a rejected request: HTTP status and text."""
 
     status: int
     text: str
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach an address to listen on."""
+    """Return whether only this machine can reach a server at an address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -38,9 +38,9 @@ def is_loopback(host: str) -> bool:
 
 
 def own_names(host: str) -> frozenset[str]:
-    """Return the names under which a page served at `host` may be opened, in lower case.
+    """Return the host names, in lower case, under which a page served at `host` may be opened.
 
-    The address at which a connection arrived is added by `Access` for each connection.
+    `Access` also permits the local address of each connection.
     """
     if is_loopback(host):
         return LOOPBACK_NAMES
@@ -52,27 +52,26 @@ def own_names(host: str) -> frozenset[str]:
 
 
 def bracketed(address: str) -> str:
-    """Return an address as URLs have it: IPv6 in brackets."""
+    """Return an address in the form of URLs, which have IPv6 addresses in brackets."""
     return f'[{address}]' if ':' in address else address.lower()
 
 
 @dataclass(frozen=True)
 class Access:
-    """The rules for one panel. `names` as in `own_names`. `token`: required unless None."""
+    """The rules for one panel. `names`: from `own_names`. `token`: required unless None."""
 
     port: int
     names: frozenset[str]
     token: str | None = None
 
     def rejection(
-        self, path: str, headers: Mapping[str, str], arrived_at: str
+        self, path: str, headers: Mapping[str, str], local_address: str
     ) -> Rejection | None:
-        """Return why a request is rejected, or None if it is accepted.
+        """Return the rejection of a request, or None if it is accepted.
 
-        `headers`: names in lower case, each value once. `arrived_at`: the address of this machine
-        at which the connection arrived.
+        `headers`: by names in lower case. `local_address`: of the connection.
         """
-        names = self.names | {bracketed(arrived_at)}
+        names = self.names | {bracketed(local_address)}
         own = {f'{name}:{self.port}' for name in names}
         if self.port == 80:
             own |= names
@@ -90,11 +89,11 @@ class Access:
 
     @property
     def cookie(self) -> str:
-        """The name of the cookie with the token. Cookies are for all ports of a host."""
+        """The name of the cookie with the token. All ports of a host share their cookies."""
         return f'epson_driver_panel_{self.port}'
 
     def new_headers(self, path: str) -> dict[str, str]:
-        """Return the extra headers for a served page."""
+        """Return the security headers of the response to a request, with the token's cookie."""
         headers = {
             'Content-Security-Policy': CONTENT_SECURITY_POLICY,
             'X-Frame-Options': 'DENY',
@@ -110,16 +109,16 @@ class Access:
         return headers
 
     def _has_token(self, path: str, headers: Mapping[str, str]) -> bool:
-        given = [_token_of(path)]
+        tokens = [_token_of(path)]
         try:
             cookies = SimpleCookie(headers.get('cookie', ''))
         except CookieError:
             cookies = SimpleCookie()
         if self.cookie in cookies:
-            given.append(cookies[self.cookie].value)
-        wanted = str(self.token).encode()
+            tokens.append(cookies[self.cookie].value)
+        expected = str(self.token).encode()
         return any(
-            item is not None and hmac.compare_digest(item.encode(), wanted) for item in given
+            item is not None and hmac.compare_digest(item.encode(), expected) for item in tokens
         )
 
 
@@ -144,7 +143,7 @@ def is_upgrade(headers: Mapping[str, str]) -> bool:
 
 
 def shown(text: str) -> str:
-    """Return text received from a client, shortened and printable."""
+    """Return a client's text as a printable literal of at most 100 characters."""
     return repr(text[:100])
 
 

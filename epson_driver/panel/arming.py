@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arming: permission for one browser at a time to move the robot.
+"""Arming: the permission for one browser at a time to move a robot.
 
-Everything that the armed browser has started ends when the arming ends. An arming ends when the
-browser disarms, when its connection is lost or its page is unresponsive (its user could not press
-stop), and when the data shown by the panel is out of date.
+Arming ends when the user disarms, when the page is closed, disconnected or unresponsive, because
+its user could not press STOP, and when the displayed data is too old. The motion that the browser
+has started ends then, too.
 """
 
 import contextlib
@@ -15,20 +15,20 @@ from collections.abc import Callable, Iterator
 from epson_driver.panel.robot_state import RequestError
 
 ALIVE_WITHIN_S = 1.5
-"""Time without a sign of life after which a page counts as frozen, hidden, asleep or cut off, s. A
-visible page sends one every 0.3 s (panel.js). The websocket's pings do not prove that the page
-runs, because the browser answers them even for a hung page."""
+"""Time after the last sign of life for which a page counts as responsive, s. A visible page sends
+one every 0.3 s (panel.js). Answers to websocket pings prove nothing, because the browser sends
+them even for a page that hangs."""
 
 
 class NotArmedError(RequestError):
-    """The browser may not move the robot, with the reason and the remedy as text."""
+    """The browser may not move the robot. The text is the reason and the remedy."""
 
 
 class Arming:
-    """The armed browser, by the number of its connection, or None. Thread-safe.
+    """The arming of one robot. Thread-safe. Browsers are identified by their window numbers.
 
     `forbidden` returns why arming is not allowed now, or None. `on_end` is called with the reason
-    whenever an arming ends, before another browser can be armed. `clock`: monotonic, s.
+    when arming ends, before another browser can be armed. `clock`: monotonic, s.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Arming:
         return self._holder
 
     def connect(self, browser: int) -> None:
-        """Register a browser, which may then request arming."""
+        """Add a browser. Only added browsers can be armed."""
         with self._lock:
             self._connected.add(browser)
 
@@ -62,14 +62,14 @@ class Arming:
                 self._alive[browser] = self._clock()
 
     def disconnect(self, browser: int) -> None:
-        """Remove a browser. Its later clicks have no effect."""
+        """Remove a browser, and disarm it. Its later requests have no effect."""
         with self._lock:
             self._connected.discard(browser)
             self._alive.pop(browser, None)
             self.disarm('the armed window of the panel was closed', browser)
 
     def arm(self, browser: int) -> None:
-        """Arm a browser. Raises NotArmedError if it cannot be armed, with the reason."""
+        """Arm a browser. Raises NotArmedError if it cannot be armed."""
         with self._lock:
             if browser not in self._connected:
                 raise NotArmedError('this window is disconnected')
@@ -85,7 +85,10 @@ class Arming:
             self._holder = browser
 
     def disarm(self, why: str, browser: int | None = None) -> bool:
-        """End the arming of one browser, or of any. Returns whether a browser was armed."""
+        """Disarm a browser, or whichever is armed. Returns whether one was armed.
+
+        `why`: the reason, for the log.
+        """
         with self._lock:
             if self._holder is None or browser not in (None, self._holder):
                 return False
@@ -94,7 +97,7 @@ class Arming:
             return True
 
     def watch(self) -> None:
-        """End the arming if it is not allowed any more, or if the armed window is not visible."""
+        """Disarm if arming is not allowed any more, or if the armed page is unresponsive."""
         with self._lock:
             if self._holder is None:
                 return
@@ -109,9 +112,9 @@ class Arming:
 
     @contextlib.contextmanager
     def held(self, browser: int) -> Iterator[None]:
-        """Keep the arming from ending while the block runs, which only the armed browser may do.
+        """Run a block for the armed browser. Arming cannot end during the block.
 
-        Raises NotArmedError. The block must not wait for anything.
+        The block must not wait for anything. Raises NotArmedError if the browser is not armed.
         """
         with self._lock:
             if self._holder != browser:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The points taught to a driver, from its service ~/taught_points."""
+"""Reads the taught points of a driver, by its service ~/taught_points."""
 
 from typing import Any
 
@@ -11,15 +11,17 @@ from rclpy.node import Node
 from epson_driver.panel.robot_state import RobotState
 
 PERIOD_S = 2.0
+"""Minimum interval between requests, s."""
+
 TIMEOUT_S = 5.0
-"""Timeout, s. A driver that has died in between never answers."""
+"""Timeout of a request, s. A driver that has died never answers."""
 
 MAX = 200
 """Maximum number of points shown."""
 
 
 class DriverPoints:
-    """Polls the points, one request at a time, and stores the answer in a state."""
+    """Polls the taught points of a driver, and stores them in a state."""
 
     def __init__(self, node: Node, name: str, state: RobotState) -> None:
         self._node = node
@@ -28,7 +30,7 @@ class DriverPoints:
         self._asking: Any = None
         self._asked = -np.inf
 
-    def look(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Send a request if one is due. `now`: the panel's clock, s."""
         if self._asking is not None and now - self._asked > TIMEOUT_S:
             self._give_up()
@@ -42,7 +44,7 @@ class DriverPoints:
             self._asking.add_done_callback(self._on_answer)
 
     def forget(self) -> None:
-        """Drop the points, because the driver is gone."""
+        """Remove the points from the state, because the driver is gone."""
         self._give_up()
         self._state.taught = {}
 
@@ -63,10 +65,10 @@ class DriverPoints:
         self._asking = None
         if answer is None:
             return
-        match = {}
+        points = {}
         for name, pose in zip(answer.names[:MAX], answer.poses, strict=False):
-            at, turn = pose.position, pose.orientation
-            values = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w])
+            p, q = pose.position, pose.orientation
+            values = np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
             if np.isfinite(values).all() and abs(np.linalg.norm(values[3:]) - 1.0) < 1e-3:
-                match[name] = values
-        self._state.taught = match
+                points[name] = values
+        self._state.taught = points

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Jogging: joint velocities while a button is pressed, and the trajectory of a single step.
 
-Axes are joints by number, or axes of the tool (X Y Z along, U V W about Z, Y and X) in EPSON's
-world frame or in the tool frame.
+An axis is a joint, by number, or an axis of EPSON's world frame or of the tool frame: X, Y, Z for
+translation along it, and U, V, W for rotation about Z, Y, X.
 """
 
 import numpy as np
@@ -29,52 +29,56 @@ DIRECTIONS = {
     'V': (1, np.array([0.0, 1.0, 0.0])),
     'W': (1, np.array([1.0, 0.0, 0.0])),
 }
-"""Whether an axis turns, and about or along which direction of its frame."""
+"""Whether an axis is rotational, and its direction in the frame."""
 
 JOINT_SHARE = 0.25
-"""Fraction of a joint's velocity limit at full speed, as the driver's `servo.scale`."""
+"""Full jog speed of a joint, as a fraction of its velocity limit, like `servo.scale`."""
 
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
-"""Tool velocities at full speed: the first is ISO 10218-1's reduced speed."""
+"""Full jog speeds of the tool. The first is the reduced speed of ISO 10218-1."""
 
-NOT_REACHED = 0.02
-"""Maximum share of a tool motion that the arm's joints may fail to produce. Beyond it the motion
-is refused."""
+MAX_TWIST_ERROR = 0.02
+"""Maximum deviation of the tool's motion from the requested direction, as a fraction of its
+speed. A larger one, as close to a singularity, is refused."""
 
 END = 0.005
-"""Distance from the end of its range within which a joint is not jogged outwards, rad or m."""
+"""Distance from an end of its range within which a joint is not jogged outwards, rad or m."""
 
 STEP_SHARE = 0.2
 """Fraction of the joints' velocity and acceleration limits used by a step at full speed."""
 
 MAX_STEP_M, MAX_STEP_RAD = 0.1, np.radians(30.0)
 MIN_STEP_S = 0.3
+"""Minimum duration of a step, s."""
+
 POINT_PERIOD_S = 0.05
+"""Time between the points of a step's trajectory, s."""
 
 PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
 """Peaks of the quintic polynomial that is at rest at both ends, for a distance of 1 in 1 s."""
 
-MAX_TURNS = 20
-SAME_POSE = 1e-7
-"""Convergence tolerance of inverse kinematics, m and rad."""
+MAX_ITERATIONS = 20
+MAX_POSE_ERROR = 1e-7
+"""Maximum iterations and tolerance, m and rad, of the inverse kinematics along a line."""
 
 
 class Jog:
     """Jog motion of one model. Joints have shape (n,), rad or m.
 
-    All methods raise RequestError if the arm cannot make the motion, with the reason.
+    All methods raise RequestError with the reason if the arm cannot make the motion.
     """
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.kinematics = Kinematics(model)
         self.axes = self._axes()
-        """The tool axes available on this arm."""
+        """The axes of the tool that this arm can move."""
 
     def velocities(self, joints: Array, axis: str, frame: str, share: float) -> Array:
-        """Return the joint velocities, shape (n,), for `share` of full speed, -1 … 1.
+        """Return the joint velocities of a jog, shape (n,), rad/s or m/s.
 
-        axis: a joint's number from 1, or a name of TOOL_AXES.
+        axis: the number of a joint from 1, or one of TOOL_AXES. frame: of a tool axis, WORLD or
+        TOOL. share: fraction of full speed, -1 … 1.
         """
         limits = self.model.limits
         if (index := self._joint(axis)) is not None:
@@ -83,14 +87,14 @@ class Jog:
         else:
             result = share * self._joint_velocities(joints, self._twist(joints, axis, frame))
             allowed = JOINT_SHARE * limits.velocity
-            result /= max(1.0, float(np.max(np.abs(result) / allowed)))  # the direction stays
+            result /= max(1.0, float(np.max(np.abs(result) / allowed)))  # keeps the direction
         self._check_ends(joints, result)
         return result
 
     def step(self, joints: Array, axis: str, frame: str, size: float, share: float) -> Trajectory:
-        """Return the trajectory of one step of a joint or of the tool, straight in its space.
+        """Return the trajectory of a step of a joint, or of the tool on a straight line.
 
-        size: rad or m. share: of full speed, (0, 1].
+        axis, frame: as in `velocities`. size: rad or m. share: fraction of full speed, (0, 1].
         """
         index = self._joint(axis)
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'
@@ -100,17 +104,23 @@ class Jog:
         if index is not None:
             goal = joints.copy()
             goal[index] += size
-            return self.way(np.linspace(joints, goal, 9), share)
+            return self.along(np.linspace(joints, goal, 9), share)
         velocity = self._twist(joints, axis, frame)
         length = float(np.linalg.norm(velocity[:3]) or np.linalg.norm(velocity[3:]))
-        return self.way(self._line(joints, velocity / length * size), share)
+        return self.along(self._line(joints, velocity / length * size), share)
 
     def straight(self, joints: Array, goal: Array, share: float = 1.0) -> Trajectory:
-        """Return a straight trajectory in joint space to joint positions."""
-        return self.way(np.linspace(joints, goal, 9), share)
+        """Return the straight trajectory in joint space from `joints` to `goal`.
+
+        share: fraction of full speed, (0, 1].
+        """
+        return self.along(np.linspace(joints, goal, 9), share)
 
     def joints_at(self, point: Array, near: Array) -> Array:
-        """Return the joints nearest to `near` at X Y Z U V W, shape (6,), mm and degrees."""
+        """Return the joints at which the tool is at a point, nearest to the joints `near`.
+
+        point: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
+        """
         pose = np.eye(4)
         pose[:3, :3] = rotation_of_uvw(np.radians(point[3:]))
         pose[:3, 3] = point[:3] / 1e3
@@ -122,8 +132,11 @@ class Jog:
             raise RequestError('out of reach')
         return np.asarray(result[0])
 
-    def way(self, path: Array, share: float) -> Trajectory:
-        """Return a slow trajectory along a joint path, shape (k, n), at rest at both ends."""
+    def along(self, path: Array, share: float) -> Trajectory:
+        """Return a trajectory along a joint path, at rest at both ends.
+
+        path: shape (k, n). share: fraction of full speed, (0, 1].
+        """
         limits = self.model.limits
         path = limits.settled(path)  # an arm at its limit may be measured slightly beyond it
         self._check_range(path)
@@ -151,7 +164,7 @@ class Jog:
         return Trajectory(names, duration * s, positions, slopes * rate[:, None])
 
     def _axes(self) -> tuple[str, ...]:
-        """Return the axes along which the tool can move. A SCARA has no V and W."""
+        """Return the axes of the tool that the arm can move. A SCARA has no V and W."""
         limits = self.model.limits
         joints = 0.5 * (limits.position_min + limits.position_max) + 0.3
         jacobian = self.kinematics.jacobian(joints)
@@ -166,7 +179,7 @@ class Jog:
         raise RequestError(f'{self.model.name} has no axis {axis[:20]}')
 
     def _twist(self, joints: Array, axis: str, frame: str) -> Array:
-        """Return the tool's velocity at full speed, m/s and rad/s in base_link, shape (6,)."""
+        """Return the tool's velocity at full speed in base_link, m/s and rad/s, shape (6,)."""
         turns, direction = DIRECTIONS[axis]
         pose = self.kinematics.forward(joints) if frame == TOOL else self.model.base.matrix
         turned = pose[:3, :3] @ direction
@@ -177,40 +190,43 @@ class Jog:
     def _joint_velocities(self, joints: Array, twist: Array) -> Array:
         jacobian = self.kinematics.jacobian(joints)
         result = np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
-        if np.linalg.norm(jacobian @ result - twist) > NOT_REACHED * np.linalg.norm(twist):
+        if np.linalg.norm(jacobian @ result - twist) > MAX_TWIST_ERROR * np.linalg.norm(twist):
             raise RequestError(
                 'the tool cannot move in this direction from here: move a joint first'
             )
         return np.asarray(result)
 
-    def _line(self, joints: Array, way: Array) -> Array:
-        """Return joints along a straight tool path, shape (k, n), from the current joints."""
+    def _line(self, joints: Array, displacement: Array) -> Array:
+        """Return joints along a straight tool path that starts at `joints`, shape (k, n).
+
+        displacement: translation, m, and rotation vector, rad, in base_link, shape (6,).
+        """
         start = self.kinematics.forward(joints)
-        angle = float(np.linalg.norm(way[3:]))
+        angle = float(np.linalg.norm(displacement[3:]))
         result = [joints]
         for fraction in np.linspace(0.0, 1.0, 17)[1:]:
             pose = start.copy()
-            pose[:3, 3] += fraction * way[:3]
+            pose[:3, 3] += fraction * displacement[:3]
             if angle:
-                pose[:3, :3] = rotation_about(way[3:] / angle, fraction * angle) @ start[:3, :3]
+                turn = rotation_about(displacement[3:] / angle, fraction * angle)
+                pose[:3, :3] = turn @ start[:3, :3]
             result.append(self._joints_at(pose, result[-1]))
         return np.array(result)
 
     def _joints_at(self, pose: Array, near: Array) -> Array:
-        """Return the joints near `near` that bring the tool to a pose."""
+        """Return the joints that bring the tool to a pose, found by iteration from `near`."""
         joints = near
-        for _ in range(MAX_TURNS):
+        for _ in range(MAX_ITERATIONS):
             now = self.kinematics.forward(joints)
             turn = pose[:3, :3] @ now[:3, :3].T
             skew = 0.5 * np.array(
                 [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
             )
-            missing = np.concatenate([pose[:3, 3] - now[:3, 3], skew])
-            if np.abs(missing).max() < SAME_POSE:
+            error = np.concatenate([pose[:3, 3] - now[:3, 3], skew])
+            if np.abs(error).max() < MAX_POSE_ERROR:
                 return joints
-            joints = (
-                joints + np.linalg.lstsq(self.kinematics.jacobian(joints), missing, rcond=1e-6)[0]
-            )
+            jacobian = self.kinematics.jacobian(joints)
+            joints = joints + np.linalg.lstsq(jacobian, error, rcond=1e-6)[0]
         raise RequestError('the tool cannot move there on a straight line')
 
     def _check_ends(self, joints: Array, velocities: Array) -> None:

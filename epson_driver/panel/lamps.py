@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The status lamps, and advice: why the arm cannot move now and how to fix it."""
+"""The status lamps, and the advice: why the arm cannot move now, and the remedy."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
@@ -10,8 +10,7 @@ from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')
-"""Colours of lamps. OFF: known and normal. UNKNOWN: grey, any state is possible."""
-
+"""Colours of lamps. OFF: inactive, and no fault. UNKNOWN: grey, the state is not known."""
 
 WORDS = {
     Remedy.CONNECT: 'check that it is running, the cable and robot_ip. The driver reconnects '
@@ -23,14 +22,17 @@ WORDS = {
     Remedy.ENABLE: 'press Enable',
     Remedy.CONTINUE: 'Continue at the pendant',
 }
-"""Remedies in the words of the page."""
+"""The texts of remedies, with the names of the page's buttons."""
 
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
-"""Causes that are no fault. A known condition of a simulated controller is more specific."""
+"""Causes that are no fault. The condition of a simulated controller is shown instead of them,
+because it is more specific."""
 
 NO_ESTOP = 'not active'
+"""Value of `estop` in a simulated controller's condition without an E-stop."""
+
 NO_PROGRAM = ('stopped', 'aborted')
-"""Values of E-stop and tasks in a simulated controller's condition. NO_PROGRAM: ended."""
+"""Values of `tasks` in a simulated controller's condition after the program has ended."""
 
 
 class Lamp(NamedTuple):
@@ -42,7 +44,7 @@ class Lamp(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """The reason why the arm cannot move now, and the remedy, in a lamp's colour."""
+    """The reason why the arm cannot move now, and the remedy. `colour`: that of a lamp."""
 
     reason: str
     remedy: str
@@ -50,7 +52,7 @@ class Advice(NamedTuple):
 
 
 def lamps(state: RobotState, now: float) -> list[Lamp]:
-    """Return all lamps. Outdated values are UNKNOWN."""
+    """Return all lamps. Those with outdated values are UNKNOWN. `now`: the panel's clock, s."""
     status_known = state.fresh('status', now)
     driver_known = state.fresh('diagnostics', now)
     result = [_link(state, now), *_of_status(state)]
@@ -83,14 +85,14 @@ def _of_status(state: RobotState) -> Iterator[Lamp]:
     yield Lamp(
         'Mode', status.mode or '?', {'AUTO': GOOD, 'MANUAL': WARN}.get(status.mode, UNKNOWN)
     )
-    moving = _tri('Motion', status.in_motion, ('moving', GOOD), ('standing', OFF))
+    moving = _tri('Motion', status.in_motion, ('moving', GOOD), ('at rest', OFF))
     if status.in_motion is Tri.NO and status.motion_possible is Tri.NO:
         moving = Lamp('Motion', 'not possible', WARN)
     yield moving
 
 
 def _door(state: RobotState, now: float) -> Lamp:
-    """Return the door's lamp. Only a simulated controller reports it: robot_status has no door."""
+    """Return the door's lamp. Only simulated controllers report the door."""
     if state.simulation is None or not state.fresh('simulation', now):
         return Lamp('Door', 'not reported', UNKNOWN)
     door = state.simulation.condition.get('door', '')
@@ -102,7 +104,10 @@ def _tri(name: str, value: Tri, yes: tuple[str, str], no: tuple[str, str]) -> La
 
 
 def advice(state: RobotState, now: float) -> Advice:
-    """Return the first obstacle to motion with its remedy, or that the arm is ready or moving."""
+    """Return the first condition that prevents motion, or that the arm is ready or moving.
+
+    `now`: the panel's clock, s.
+    """
     if not state.fresh('diagnostics', now):
         remedy = 'STOP may not reach it: use the E-stop. Start it, or check whether it is running'
         return Advice('the driver does not report', remedy, UNKNOWN)
@@ -127,14 +132,14 @@ def advice(state: RobotState, now: float) -> Advice:
 
 
 def _condition(state: RobotState, now: float) -> Mapping[str, str]:
-    """Return a simulated controller's condition by region, or {} for a real controller."""
+    """Return a simulated controller's condition by region, or {} if it is not known."""
     if state.simulation is None or not state.fresh('simulation', now):
         return {}
     return state.simulation.condition
 
 
 def _ended(condition: Mapping[str, str]) -> Advice | None:
-    """Return why a simulated controller's program is not running, or None."""
+    """Return why the program of a simulated controller does not run, or None if it does."""
     estop, tasks = condition.get('estop', NO_ESTOP), condition.get('tasks', '')
     if estop != NO_ESTOP:
         first = 'release the E-stop, then ' if estop == 'pressed' else ''
@@ -147,7 +152,7 @@ def _ended(condition: Mapping[str, str]) -> Advice | None:
 
 
 def _held(condition: Mapping[str, str]) -> Advice | None:
-    """Return why a simulated controller's program is waiting, or None."""
+    """Return why the program of a simulated controller waits, or None if it does not."""
     if condition.get('door', 'closed') != 'closed':
         return Advice(
             'the safeguard door is open', 'close the door, then Continue at the pendant', BAD

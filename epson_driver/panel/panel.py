@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel: one loop that samples ROS and sends the changes to all windows."""
+"""The panel: a loop that samples the state of all robots, and sends the changes to all windows."""
 
 import contextlib
 import logging
@@ -21,11 +21,16 @@ from epson_driver.panel.window import BadMessageError, Window, text_of
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 POSE_PERIOD_S = 0.04
-"""Short enough to be seen as continuous motion."""
+"""Period of poses, s, which makes motion appear continuous."""
 
 TEXT_PERIOD_S = 0.2
+"""Period of texts such as lamps and log, s."""
+
 SLOW_PERIOD_S = 0.5
+"""Period for reading diagnostics and discovering drivers, s."""
+
 BEAT_PERIOD_S = 0.5
+"""Period of the part that changes always, from which a page sees that the panel runs, s."""
 
 IDLE_PERIOD_S = 0.1
 """Period of the loop while no browser is connected, s."""
@@ -41,10 +46,10 @@ _log = logging.getLogger(__name__)
 
 
 class Panel:
-    """The whole panel. `run` it in one thread; `stop` and `fail` may be called in any.
+    """The whole panel. `run` runs in one thread. `stop` and `fail` may be called in any.
 
-    `names`: the drivers' nodes, or None for every driver found. Raises WebServerError, and the
-    exceptions of rclpy.init.
+    `names`: the drivers' nodes, or None for all drivers that are found. Raises WebServerError if
+    the page cannot be served, and the exceptions of rclpy.init.
     """
 
     def __init__(
@@ -66,7 +71,7 @@ class Panel:
         self._views: dict[str, RobotView] = {}
         self._windows: dict[int, Window] = {}
         self._lock = threading.Lock()
-        """Guards windows and views, which change in the threads of the server and of `run`."""
+        """Guards windows and views, which are used in the threads of the server and of `run`."""
         self._new: set[int] = set()
         self._beat = 0
         self.web = WebServer(host, port, token, self, self.fail)
@@ -82,7 +87,7 @@ class Panel:
         self._ended.set()
 
     def fail(self, what: str, error: BaseException) -> None:
-        """End the panel after a failure. A page that only looks alive would be worse than none."""
+        """Log a failure, and make `run` return 1. `what`: the failed part, for the log."""
         if self._failure is None:
             self._failure = error
             _log.critical('%s: stopping the panel', what, exc_info=error)
@@ -98,7 +103,7 @@ class Panel:
             self._close()
         return 0 if self._failure is None else 1
 
-    # --- windows open, close and send requests: in the thread of the web server ---------------
+    # --- called by the web server, in its thread ----------------------------------------------
 
     def came(self, window: Window) -> None:
         """Add a window."""
@@ -109,7 +114,7 @@ class Panel:
                 view.control.arming.connect(window.number)
 
     def gone(self, window: Window) -> None:
-        """Remove a closed window and end everything that it has started."""
+        """Remove a closed window, and end the motion that it has started."""
         with self._lock:
             self._windows.pop(window.number, None)
             self._new.discard(window.number)
@@ -118,40 +123,43 @@ class Panel:
             view.control.arming.disconnect(window.number)
 
     def received(self, window: Window, message: str | bytes) -> None:
-        """Carry out a window's request, or show there and log why it was refused."""
-        asked = message_of(message)
-        word = asked['do']
-        late = 'at' in asked and window.late(number(asked, 'at', 0.0, 1e15), time.monotonic())
+        """Carry out a window's request. A refusal is logged and shown in the window.
+
+        Raises BadMessageError if the panel's page never sends such a message.
+        """
+        request = message_of(message)
+        name = request['do']
+        late = 'at' in request and window.late(number(request, 'at', 0.0, 1e15), time.monotonic())
         with self._lock:
             views = dict(self._views)
-        if word == 'alive':
+        if name == 'alive':
             for view in views.values():
                 view.control.arming.alive(window.number)
-        elif word == 'choose':
-            self._choose(window, text(asked, 'robot'))
-        elif word == 'stop':
-            for view in views.values():  # whatever the answers are
+        elif name == 'choose':
+            self._choose(window, text(request, 'robot'))
+        elif name == 'stop':
+            for view in views.values():
                 self._attempt(window, view.control, {'do': 'stop_one'})
         else:
-            about = views.get(text(asked, 'robot'))
-            if about is None:
+            selected = views.get(text(request, 'robot'))
+            if selected is None:
                 window.say('Not done: this robot has disappeared')
                 return
-            if word in ('jog', 'step') and late:
+            if name in ('jog', 'step') and late:
                 return
-            self._attempt(window, about.control, asked)
-            if word == 'jog':
+            self._attempt(window, selected.control, request)
+            if name == 'jog':
                 end = {'do': 'jog', 'share': 0.0}
-                window.after_silence(lambda: self._attempt(window, about.control, end))
-        if word in ('stop', 'stop_one'):  # without this part the page shows a large red warning
-            window.offer(window.robot, {'stopped': text_of(number(asked, 'at', 0.0, 1e15))})
+                window.after_silence(lambda: self._attempt(window, selected.control, end))
+        if name in ('stop', 'stop_one'):  # without this part, the page shows a large red warning
+            window.offer(window.robot, {'stopped': text_of(number(request, 'at', 0.0, 1e15))})
 
-    def _attempt(self, window: Window, control: RobotControl, asked: Mapping[str, Any]) -> None:
-        action = self._requests.table.get(asked['do'])
+    def _attempt(self, window: Window, control: RobotControl, request: Mapping[str, Any]) -> None:
+        action = self._requests.table.get(request['do'])
         if action is None:
             raise BadMessageError('unknown request')
         try:
-            action(control, window.number, asked)
+            action(control, window.number, request)
         except RequestError as error:
             control.jog_end()
             control.robot.log(f'not done: {error}', 30)
@@ -166,7 +174,7 @@ class Panel:
         with self._lock:
             self._new.add(window.number)
 
-    # --- the loop ---------------------------------------------------------------------------
+    # --- in the thread of `run` -------------------------------------------------------------
 
     def _loop(self) -> None:
         due: dict[str, float] = {}
@@ -182,13 +190,13 @@ class Panel:
             self.ros.sample(now)
             if is_due('slow', SLOW_PERIOD_S):
                 self.ros.sample_slow(now)
-                self.ros.look_around(now)
+                self.ros.discover(now)
                 self._forget_gone(now)
                 self._add_views()
                 if not self.web.alive:
                     raise RuntimeError('the page is no longer served')
             for view in self._views.values():
-                view.look(now)
+                view.update(now)
             if is_due('beat', BEAT_PERIOD_S):
                 self._beat += 1
             with self._lock:
@@ -204,21 +212,21 @@ class Panel:
         alarms = [
             (f'{item.label}: ' * (len(views) > 1), item.control.stop_alarm) for item in views
         ]
-        all_of_it = {'alarms': text_of([name + alarm for name, alarm in alarms if alarm])}
+        common = {'alarms': text_of([name + alarm for name, alarm in alarms if alarm])}
         if texts or new:
-            all_of_it['robots'] = text_of([item.summary(now) for item in views])
-            all_of_it['pendant'] = PENDANT_PART
-        all_of_it['beat'] = text_of(self._beat)
+            common['robots'] = text_of([item.summary(now) for item in views])
+            common['pendant'] = PENDANT_PART
+        common['beat'] = text_of(self._beat)
         shown: dict[str, dict[str, str]] = {}
         for window in windows:
             name = window.robot
             view = self._views.get(name)
             if view is None:
-                window.offer(name, all_of_it)
+                window.offer(name, common)
                 continue
             if name not in shown:
                 shown[name] = view.pose(now) | (view.parts(now) if texts or new else {})
-            parts = all_of_it | shown[name]
+            parts = common | shown[name]
             if window.number in new:
                 parts['history'] = view.history()
             if texts or window.number in new:
@@ -240,7 +248,7 @@ class Panel:
                 self._views[name] = view
 
     def _forget_gone(self, now: float) -> None:
-        """Remove robots that were silent for GONE_AFTER_S, unless named on the command line."""
+        """Remove robots that were silent for GONE_AFTER_S, except those that --robot names."""
         for name in self.ros.forget_silent(now, GONE_AFTER_S):
             with self._lock:
                 view = self._views.pop(name, None)
@@ -248,8 +256,8 @@ class Panel:
                 view.control.end()
 
     def _close(self) -> None:
-        """Cancel all goals of the panel, then close everything."""
-        with contextlib.ExitStack() as stack:  # all of it, whatever a part raises
+        """Disarm, cancel all goals of the panel, and close all parts."""
+        with contextlib.ExitStack() as stack:  # runs the other callbacks if one raises
             stack.callback(self.ros.close)
             stack.callback(self._pendants.end)
             stack.callback(self.web.stop)

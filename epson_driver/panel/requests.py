@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The requests of a window: a table from the word in its message to an action.
+"""The requests of windows: a table of the actions by name.
 
-A message is a JSON object with `do`, the name of the `robot` concerned, and the word's arguments.
-Every request is checked on arrival, independently of the page's display.
+A message is a JSON object with the name of an action, `do`, the name of a `robot`, and the
+action's arguments. Every request is checked, even if the page would have disabled its button.
 """
 
 import json
@@ -21,12 +21,13 @@ from epson_driver.panel.robot_view import INPUT, OUTPUT
 from epson_driver.panel.window import BadMessageError
 
 MAX_TEXT = 200
+"""Maximum number of characters of a text in a message."""
 
 Message = Mapping[str, Any]
 
 
 def message_of(text: str | bytes) -> dict[str, Any]:
-    """Return a window's message. Raises BadMessageError if no page could have sent it."""
+    """Return a window's message. Raises BadMessageError if it is not a JSON object with `do`."""
     try:
         result = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -37,7 +38,7 @@ def message_of(text: str | bytes) -> dict[str, Any]:
 
 
 def text(message: Message, key: str) -> str:
-    """Return a short text. Raises BadMessageError."""
+    """Return a text of a message. Raises BadMessageError if it is missing or too long."""
     value = message.get(key)
     if not isinstance(value, str) or len(value) > MAX_TEXT:
         raise BadMessageError(f'{key} must be a short text')
@@ -45,7 +46,7 @@ def text(message: Message, key: str) -> str:
 
 
 def number(message: Message, key: str, low: float, high: float) -> float:
-    """Return a number within bounds. Raises BadMessageError."""
+    """Return a number of a message. Raises BadMessageError if it is outside low…high."""
     value = message.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise BadMessageError(f'{key} must be a number')
@@ -55,7 +56,10 @@ def number(message: Message, key: str, low: float, high: float) -> float:
 
 
 class Requests:
-    """Handles the windows' requests for one robot. `trajectories`: the ones on offer, by name."""
+    """The actions of windows on a robot, in `table` by name.
+
+    `trajectories`: those that the page offers, by name.
+    """
 
     def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:
         self._trajectories = trajectories

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The actions on one robot from the panel, and the conditions for each.
+"""The panel's actions on one robot, and the conditions of each.
 
-`stop` and `disable` are always available. Every action that moves the arm, permits motion or may
-move a device on an output requires an armed browser. Arming requires fresh data, and either a
-simulated controller or a panel started with `--allow-motion`.
+`stop` and `disable` are always available. An action that moves the arm, permits motion or switches
+an output requires an armed browser. Arming requires recent data, and either a simulated controller
+or a panel that was started with `--allow-motion`.
 """
 
 from collections.abc import Callable
@@ -22,11 +22,10 @@ from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.setup.table import ROWS
 
 START_TOLERANCE: float = ROWS['start_tolerance'].default
-"""Rad or m. The driver checks the start again."""
+"""Maximum distance of a joint from a trajectory's start, rad or m. The driver checks it, too."""
 
 STOP_ANSWER_S = 0.5
-"""Time for the driver to answer a STOP, s. After it, the panel raises an alarm."""
-
+"""Time without an answer to STOP after which the panel raises an alarm, s."""
 
 PENDANT: dict[str, dict[str, Action]] = {
     label: {way: ACTIONS[f'{first} {way}'.strip()] for way in ways}
@@ -39,7 +38,7 @@ PENDANT: dict[str, dict[str, Action]] = {
         ('Error', '', ('reset',)),
     )
 }
-"""Actions by item and press. Closing the door permits no motion: it takes `continue` as well."""
+"""Actions of the simulated pendant, by item and press."""
 
 
 class RobotControl:
@@ -59,13 +58,13 @@ class RobotControl:
     ) -> None:
         self.robot = robot
         self.model: RobotModel | None = None
-        self.hand: Jog | None = None
-        """Jog motion of the model, or None."""
+        self.jog_motion: Jog | None = None
+        """Jog motion of the model, or None while the model is unknown."""
         self.plan: Trajectory | None = None
         """The last trajectory sent by the panel."""
         self.arming = Arming(self.forbidden, self._on_disarmed, clock)
         self._model_name = ''
-        """The parameter `robot_model` of the driver: a path or a short name."""
+        """Value of the driver's parameter `robot_model` from which `model` was loaded."""
         self._pendant_of = pendant
         self._pendant: SimPendant | None = None
         self._pendant_at: tuple[str, int] | None = None
@@ -96,8 +95,8 @@ class RobotControl:
             return None
         return str(parameters['robot_ip']), int(parameters['remote_port'])
 
-    def look(self) -> None:
-        """Update from the state of driver and controller. In the panel's own thread."""
+    def update(self) -> None:
+        """Update model, pendant, arming and STOP alarm. In the thread of `Panel.run`."""
         parameters = self.robot.parameters
         at = self._address
         if parameters and parameters['robot_model'] != self._model_name:
@@ -116,7 +115,7 @@ class RobotControl:
             self._raise_alarm(f'no reply from the driver within {STOP_ANSWER_S:g} s')
 
     def end(self) -> None:
-        """Release a robot that is gone."""
+        """Disarm, and close the pendant, because the robot is gone."""
         self.arming.disarm('the robot has disappeared')
         if self._pendant is not None:
             self._pendant.end()
@@ -125,10 +124,10 @@ class RobotControl:
         self._model_name = name
         try:
             self.model = load_robot_model(name)
-            self.hand = Jog(self.model)
+            self.jog_motion = Jog(self.model)
             self.robot.state.fastest = self.model.limits.velocity.tolist()
         except (OSError, ValueError) as error:
-            self.model = self.hand = None
+            self.model = self.jog_motion = None
             self.robot.state.fastest = ()
             self.robot.log(f'no 3D view of the arm: {error}', WARN)
             return
@@ -173,7 +172,10 @@ class RobotControl:
     # --- always -----------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Stop the arm. Without a driver `stop_alarm` is set immediately. Raises NoDriverError."""
+        """Stop the arm. `stop_alarm` is set if the driver is silent or does not answer in time.
+
+        Raises NoDriverError if the driver does not offer ~/stop.
+        """
         self._stops += 1
         now, number = self._clock(), self._stops
         self._stop_asked = now
@@ -204,7 +206,7 @@ class RobotControl:
         self.robot.log(self.stop_alarm, ERROR)
 
     def disable(self) -> None:
-        """Stop the arm and keep it still. Raises NoDriverError."""
+        """Stop and disable the arm. Raises NoDriverError if the driver does not offer it."""
         self.robot.trigger('disable', self.robot.log)
 
     # --- for the armed browser --------------------------------------------------------------
@@ -220,7 +222,7 @@ class RobotControl:
             self.robot.trigger('reset_error', self.robot.log)
 
     def set_speed(self, browser: int, factor: float) -> None:
-        """Set the speed. While a request is pending, only the latest value is queued."""
+        """Set the speed scaling, 0 … 1. While a request is pending, the latest value is queued."""
         with self.arming.held(browser):
             self._speed_wanted = factor
             if not self._speed_asked:
@@ -253,54 +255,54 @@ class RobotControl:
             self.robot.write_output(index, value, self.robot.log)
 
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Execute a trajectory with the joints of the robot or of its model."""
+        """Execute a trajectory. Its joints have the names of the driver's or of the model's."""
         with self.arming.held(browser):
             self._send(name, self._renamed(trajectory))
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
         """Move slowly and straight, in joint space, to the start of a trajectory."""
         with self.arming.held(browser):
-            here, there = self._here(), self._renamed(trajectory)
-            self._send(f'to the start of {name}', self._hand().straight(here, there.positions[0]))
+            here, start = self._here(), self._renamed(trajectory).positions[0]
+            self._send(f'to the start of {name}', self._jog_motion().straight(here, start))
 
     def go_to(self, browser: int, name: str, point: Array) -> None:
-        """Move slowly and straight, in joint space, to X Y Z U V W, shape (6,), mm and degrees.
+        """Move slowly and straight, in joint space, to a point.
 
-        The goal has the configuration nearest to the current joints.
+        point: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
         """
         with self.arming.held(browser):
-            here, hand = self._here(), self._hand()
-            self._send(f'to {name}', hand.straight(here, hand.joints_at(point, here)))
+            here, motion = self._here(), self._jog_motion()
+            self._send(f'to {name}', motion.straight(here, motion.joints_at(point, here)))
 
     def jog(self, browser: int, axis: str, frame: str, share: float) -> None:
-        """Move a joint or the tool for `servo.timeout` (0.1 s) at a share of full speed.
+        """Move a joint or the tool for the driver's `servo.timeout` (0.1 s).
 
-        0 brakes immediately. See `Jog.velocities`.
+        Arguments as in `Jog.velocities`. A share of 0 brakes immediately.
         """
         with self.arming.held(browser):
-            moving = self._hand().velocities(self._here(), axis, frame, share)
-            self.robot.jog(self.robot.state.joint_names, moving)
-            self._jogging = bool(np.any(moving))
+            velocities = self._jog_motion().velocities(self._here(), axis, frame, share)
+            self.robot.jog(self.robot.state.joint_names, velocities)
+            self._jogging = bool(np.any(velocities))
 
     def jog_end(self) -> None:
-        """Brake if the arm was moved by `jog`, for any caller."""
+        """Brake if `jog` has moved the arm."""
         if self._jogging:
             self._jogging = False
             names = self.robot.state.joint_names
             self.robot.jog(names, np.zeros(len(names)))
 
     def step(self, browser: int, axis: str, frame: str, size: float, share: float) -> None:
-        """Move by a step, rad or m. See `Jog.step`."""
+        """Move a joint or the tool by a step. Arguments as in `Jog.step`."""
         with self.arming.held(browser):
             if self.robot.goals:
                 raise RequestError('a motion of the panel has not ended yet')
-            trajectory = self._hand().step(self._here(), axis, frame, size, share)
+            trajectory = self._jog_motion().step(self._here(), axis, frame, size, share)
             self._send(f'step of {axis}', trajectory)
 
-    def _hand(self) -> Jog:
-        if self.hand is None:
+    def _jog_motion(self) -> Jog:
+        if self.jog_motion is None:
             raise RequestError('the robot model is unknown')
-        return self.hand
+        return self.jog_motion
 
     def _here(self) -> Array:
         here = self.robot.state.positions
@@ -309,7 +311,7 @@ class RobotControl:
         return here
 
     def away_from_start(self, trajectory: Trajectory) -> str:
-        """Return which joint is too far from a trajectory's start, and by how much, or ''."""
+        """Return which joint is too far from the start of a trajectory, or '' if none is."""
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:
             return ''
@@ -345,7 +347,7 @@ class RobotControl:
     # --- at the simulated pendant -----------------------------------------------------------
 
     def press(self, browser: int, what: str, how: str) -> None:
-        """Press something at the simulated pendant. Presses that permit motion require arming."""
+        """Press an item of PENDANT. Presses that permit motion require an armed browser."""
         press = PENDANT[what][how]
         if press.moves:
             with self.arming.held(browser):
@@ -354,7 +356,7 @@ class RobotControl:
             self._press(press, f'pendant: {what} {how}')
 
     def start_fault(self, text: str) -> None:
-        """Start a fault of the simulated controller, in the syntax of `pendant fault`."""
+        """Start a fault of the simulated controller. `text`: in the syntax of `pendant fault`."""
         try:
             self._press(action(f'fault {text}'), f'fault: {text}')
         except UsageError as error:
@@ -365,7 +367,7 @@ class RobotControl:
         self._press(action('fault clear'), 'faults cleared')
 
     def set_input(self, index: int, value: int) -> None:
-        """Set a digital input of the simulated controller as its wiring would."""
+        """Set a digital input of the simulated controller."""
         text = f'input {index}: {"on" if value else "off"}'
         self._press(action(f'io DI {index} {value}'), text)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The state and the requests of a robot's driver, as the panel needs them."""
+"""The state of a robot's driver, and the interface for requests to it."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -17,25 +17,26 @@ INFO, WARN, ERROR = 20, 30, 40
 """Log levels of rcl_interfaces/Log."""
 
 MAX_EVENTS = 200
+"""Maximum number of log lines stored for a robot."""
 
-SAME_NEWS_S = 2.0
-MAX_COMPARED = 5
-"""Interval for merging log lines, s. The driver often logs a request's answer too, so nearby lines
-with the same text are one event."""
+SAME_EVENT_S, MAX_COMPARED = 2.0, 5
+"""A log line is dropped if one of the last MAX_COMPARED has the same text and is at most
+SAME_EVENT_S s older. The driver often logs the answer to a request of the panel, too."""
 
 MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
-"""Maximum ages, s: at least three of the driver's periods. Older values count as unknown."""
+"""Maximum ages of values, s. Older values count as unknown. Each value should arrive at least
+three times in this time."""
 
 
 class RequestError(RuntimeError):
-    """A request was not carried out, with the reason and the remedy as text.
+    """A request is not carried out. The text is the reason and the remedy for the user.
 
-    Any other exception ends the panel.
+    Any other exception in a request ends the panel.
     """
 
 
 class Tri(Enum):
-    """A yes/no that may be unknown."""
+    """A flag that may be unknown."""
 
     UNKNOWN = -1
     NO = 0
@@ -44,7 +45,7 @@ class Tri(Enum):
 
 @dataclass(frozen=True)
 class Status:
-    """A robot_status. `mode`: 'AUTO', 'MANUAL' or ''."""
+    """The values of a robot_status message. `mode`: 'AUTO', 'MANUAL', or '' if unknown."""
 
     e_stopped: Tri = Tri.UNKNOWN
     motors_on: Tri = Tri.UNKNOWN
@@ -57,7 +58,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The state reported by a simulated controller: condition by region, and active faults."""
+    """The report of a simulated controller: its condition by region, and its active faults."""
 
     condition: Mapping[str, str]
     faults: tuple[str, ...] = ()
@@ -65,7 +66,7 @@ class Simulation:
 
 @dataclass(frozen=True)
 class IoRange:
-    """Points of one type of epson_msgs/IoPoint that follow one another."""
+    """Consecutive I/O points of one type of epson_msgs/IoPoint."""
 
     type: int
     start: int
@@ -74,27 +75,28 @@ class IoRange:
 
 @dataclass(frozen=True)
 class Event:
-    """A log line with rcl_interfaces/Log's level. `at`: s since the epoch."""
+    """A log line. `time`: s since the epoch. `level`: as in rcl_interfaces/Log."""
 
-    at: float
+    time: float
     level: int
     text: str
 
 
 @dataclass(eq=False)
 class RobotState:
-    """The latest value of each report. `times`: arrival by the panel's clock, s, by name.
+    """The latest values that a driver has reported.
 
-    Joints in the order of `joint_names`: shape (n,), rad or m. `inhibit`: the driver's reason why
-    the arm cannot move.
+    Arrays of joints have the order of `joint_names`, shape (n,), rad or m. `inhibit`: the driver's
+    reason why the arm cannot move, or None. `times`: when values arrived, by name, s, by the
+    panel's clock.
     """
 
     joint_names: tuple[str, ...] = ()
     positions: Array = field(default_factory=lambda: np.zeros(0))
     fastest: Sequence[float] = ()
-    """Velocity limits of the joints, rad/s or m/s, once the model is known."""
+    """Velocity limits of the joints, rad/s or m/s. Empty while the model is unknown."""
     no_joints: str = ''
-    """The reason why the driver's joint positions are not used. Empty: they are used."""
+    """The reason why the driver's joint positions are not used, or '' if they are."""
     measured: float = 0.0
     """Time stamp of the joints by the driver's clock, s."""
     status: Status = field(default_factory=Status)
@@ -109,37 +111,38 @@ class RobotState:
     io_reason: str = 'nothing reported yet'
     simulation: Simulation | None = None
     taught: Mapping[str, Array] = field(default_factory=dict)
-    """Points by name: x y z, m, in base_link, and a quaternion x y z w, shape (7,)."""
+    """The driver's taught points by name: x y z, m, in base_link, and a quaternion x y z w."""
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     times: dict[str, float] = field(default_factory=dict)
 
     def add_event(self, event: Event) -> None:
         """Add a log line, unless the driver or the panel has just logged the same text."""
-        news = event.text.removeprefix('~/')
+        text = event.text.removeprefix('~/')
         for other in list(self.events)[-MAX_COMPARED:]:
-            if abs(other.at - event.at) < SAME_NEWS_S and other.text.removeprefix('~/') == news:
+            same = other.text.removeprefix('~/') == text
+            if same and abs(other.time - event.time) < SAME_EVENT_S:
                 return
         self.events.append(event)
 
     def age(self, name: str, now: float) -> float | None:
-        """Return the age of a value, s, or None before the first one."""
-        at = self.times.get(name)
-        return None if at is None else now - at
+        """Return the age of a value in `times`, s, or None before the first one."""
+        time = self.times.get(name)
+        return None if time is None else now - time
 
     def fresh(self, name: str, now: float) -> bool:
-        """Return whether a value is recent enough to be trusted."""
+        """Return whether a value is younger than its limit in MAX_AGES_S."""
         age = self.age(name, now)
         return age is not None and age <= MAX_AGES_S[name]
 
 
 Say = Callable[[str, int], object]
-"""Callback for the outcome of a request: a sentence and its log level."""
+"""Callback for the outcome of a request: a sentence, and its log level."""
 
 
 class Robot(Protocol):
-    """A driver: its reported state and the requests to it, over ROS or simulated.
+    """A driver: its state, and requests to it, which do not block.
 
-    Requests do not block. They raise RequestError if no server is available.
+    Requests raise RequestError if the driver does not offer their service.
     """
 
     state: RobotState
@@ -154,22 +157,22 @@ class Robot(Protocol):
         """Return the panel's goals that have not ended."""
 
     def log(self, text: str, level: int) -> None:
-        """Add a line of the panel to the log of the driver."""
+        """Add a line to the log of this robot in the page."""
 
     def trigger(self, name: str, say: Say) -> None:
-        """Call a service of the driver by name."""
+        """Call the service `stop`, `enable`, `disable` or `reset_error`."""
 
     def set_speed(self, factor: float, say: Say) -> None:
-        """Set the speed of trajectories, as a share of the plan."""
+        """Set the speed scaling, 0 … 1."""
 
     def write_output(self, index: int, value: int, say: Say) -> None:
         """Set a digital output."""
 
     def jog(self, names: Sequence[str], velocities: Array) -> None:
-        """Send velocities of joints, rad/s or m/s."""
+        """Send joint velocities, rad/s or m/s."""
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Send a trajectory as a goal."""
+        """Send a trajectory as a goal. `text`: its name in the log."""
 
     def cancel_goals(self) -> Sequence[object]:
-        """Cancel every goal that the panel has sent and return those that have not ended yet."""
+        """Cancel all goals of the panel, and return those that have not ended yet."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The view of one robot, as the parts drawn by the page (panel.js)."""
+"""Prepares the state of one robot as the parts that the page draws (panel.js)."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -19,21 +19,24 @@ from epson_driver.robots.kinematics import Kinematics, uvw
 from epson_driver.tool_motion.tool_pose import pose_of_quaternion
 
 SPAN_S = 20.0
+"""Duration of the curves, s."""
+
 PERIOD_S = 0.1
+"""Minimum interval between the samples of a curve, s."""
 
 OVER_S = 0.15
-"""Minimum interval of a velocity's position difference, s. Time stamps jitter by milliseconds, so
-closer samples would give spikes."""
+"""Minimum time between two positions from which a velocity is computed, s. Time stamps jitter by
+milliseconds, which would cause spikes."""
 
 GAP_S = 1.0
-"""Maximum interval of a velocity's position difference, s."""
+"""Maximum time between two positions from which a velocity is computed, s."""
 
 Row = tuple[float, list[float], list[float] | None, list[float] | None]
-"""Time by the panel's clock, s, then positions, velocities and errors in shown units."""
+"""Time by the panel's clock, s, positions, velocities and tracking errors, in displayed units."""
 
 
 class History:
-    """Samples of n joints over the last SPAN_S. `per_unit`: shown units per rad or m."""
+    """The samples of the curves. `per_unit`: displayed units per rad or m, shape (n,)."""
 
     def __init__(self, per_unit: Array) -> None:
         self._per_unit = per_unit
@@ -41,9 +44,9 @@ class History:
         self.rows: deque[Row] = deque()
 
     def add(self, now: float, measured: float, positions: Array, error: Array | None) -> None:
-        """Add a sample, with the tracking error (plan minus position) if a plan is running.
+        """Add a sample. error: reference minus position, or None without a running goal.
 
-        now: the panel's clock, s. measured: the sample's time by the driver's clock, s.
+        now: the panel's clock, s. measured: time of the sample by the driver's clock, s.
         """
         velocities = self._velocities(measured, positions)
         if self.rows and now - self.rows[-1][0] < PERIOD_S:
@@ -63,7 +66,7 @@ class History:
         samples = self._measured
         if samples and measured <= samples[-1][0]:
             if measured < samples[-1][0]:
-                samples.clear()  # another clock
+                samples.clear()  # the driver's clock was set back
             else:
                 samples.pop()
         samples.append((measured, positions))
@@ -80,19 +83,21 @@ class History:
 
 
 REFERENCE_LASTS_S = 0.5
-"""Time after the last ~/controller_state (20 Hz) for which a trajectory counts as executing, s."""
+"""Time after the last reference in ~/controller_state (20 Hz) for which a goal is executing, s."""
 
 SHOWN_UNITS = {'rad': '°', 'm': 'mm'}
 
 SHOWN_EVENTS = 60
+"""Maximum number of log lines in the page."""
 
 MAX_PLAN_POINTS = 200
+"""Number of points of a drawn tool path."""
 
 DIGITS = 5
-"""Decimal places of joints in rad or m, in the 3D view."""
+"""Decimal places of the joints in the 3D view, rad or m."""
 
 AGES = (('joints', 'joints'), ('status', 'status'), ('driver', 'diagnostics'))
-"""Values with a shown age: the name in the page and in the state."""
+"""The displayed ages: name in the page, and name in RobotState.times."""
 
 IO_NAMES = {
     1: 'Inputs',
@@ -105,11 +110,11 @@ IO_NAMES = {
 OUTPUT, INPUT = 2, 1
 ANALOG = (3, 4)
 MAX_POINTS = 32
-"""Maximum number of points shown of each type."""
+"""Maximum number of displayed points of each range."""
 
 
 class RobotView:
-    """The parts of a robot's page, created in the panel's own thread.
+    """The parts of the page for one robot, used in the thread of `Panel.run`.
 
     `label`: the robot's name in the page.
     """
@@ -126,27 +131,27 @@ class RobotView:
         self._history = History(np.zeros(0))
         self._plan: Trajectory | None = None
         self._plan_part = 'null'
-        self._ways = 0
+        self._paths = 0
         self._executing = False
 
-    def look(self, now: float) -> None:
-        """Update from the driver's state and extend the curves."""
-        self.control.look()
+    def update(self, now: float) -> None:
+        """Update model, plan and curves from the driver's state. `now`: the panel's clock, s."""
+        self.control.update()
         state = self._state
-        self._take_over_model()
+        self._update_model()
         age = state.age('reference', now)
         executing = age is not None and age < REFERENCE_LASTS_S
         if self.control.plan is not self._plan:
-            self._new_way(self.control.plan)
+            self._set_plan(self.control.plan)
         elif executing and not self._executing and not self.control.robot.goals:
-            self._new_way(None)  # another client's goal: its path is unknown
+            self._set_plan(None)  # the path of another client's goal is unknown
         self._executing = executing
         if self._known and state.fresh('joints', now):
             error = state.tracking_error if executing else None
             self._history.add(now, state.measured, state.positions, error)
 
     def summary(self, now: float) -> dict[str, Any]:
-        """Return the robot's entry in every window's list: its name, and why it cannot move."""
+        """Return the robot's entry in the list of robots: its name, and why it cannot move."""
         result = advice(self._state, now)
         return {
             'name': self.control.robot.name,
@@ -156,7 +161,7 @@ class RobotView:
         }
 
     def parts(self, now: float) -> dict[str, str]:
-        """Return the rarely changing parts, as texts, by name."""
+        """Return the parts without the pose as JSON, by name."""
         state = self._state
         result = advice(state, now)
         return self._model_parts | {
@@ -164,13 +169,15 @@ class RobotView:
             'lamps': text_of(lamps(state, now)),
             'advice': text_of(result._asdict()),
             'ages': text_of([[name, _rounded(state.age(key, now))] for name, key in AGES]),
-            'log': text_of([[e.at, e.level, e.text] for e in list(state.events)[-SHOWN_EVENTS:]]),
+            'log': text_of(
+                [[e.time, e.level, e.text] for e in list(state.events)[-SHOWN_EVENTS:]]
+            ),
             'io': text_of(self._io()),
             'taught': text_of(self._taught()),
         }
 
     def controls(self, window: int) -> str:
-        """Return the controls available to a window now."""
+        """Return the part with the controls that a window has now, as JSON."""
         holder = self.control.arming.holder
         armed = 'yes' if holder == window else 'no' if holder is None else 'other'
         joints = len(self._state.joint_names)
@@ -186,16 +193,16 @@ class RobotView:
                     for name, item in self._trajectories.items()
                     if joints in (0, len(item.joint_names))
                 ],
-                'axes': [] if self.control.hand is None else self.control.hand.axes,
+                'axes': [] if self.control.jog_motion is None else self.control.jog_motion.axes,
             }
         )
 
     def pose(self, now: float) -> dict[str, str]:
-        """Return the pose of the arm and of the plan, and the newest row of the curves."""
+        """Return the parts with the pose of the arm and with the newest row of the curves."""
         state, model = self._state, self._model
-        if model is None or not self._known or self.control.hand is None:
+        if model is None or not self._known or self.control.jog_motion is None:
             return {'pose': 'null'}
-        place, angles = self.control.hand.kinematics.epson_point(state.positions)
+        place, angles = self.control.jog_motion.kinematics.epson_point(state.positions)
         pose = {
             'fresh': state.fresh('joints', now),
             'joints': np.round(state.positions, DIGITS).tolist(),
@@ -210,16 +217,16 @@ class RobotView:
         return parts
 
     def history(self) -> str:
-        """Return all rows of the curves."""
+        """Return the part with all rows of the curves, as JSON."""
         return text_of(list(self._history.rows))
 
     @property
     def _known(self) -> bool:
-        """Whether the reported joints match the model."""
+        """Whether the driver reports as many joints as the model has."""
         model = self._model
         return model is not None and len(self._state.positions) == len(model.joint_names)
 
-    def _take_over_model(self) -> None:
+    def _update_model(self) -> None:
         model = self.control.model
         if model is self._model:
             return
@@ -245,20 +252,20 @@ class RobotView:
             )
         }
 
-    def _new_way(self, plan: Trajectory | None) -> None:
-        """Draw the tool path of a plan. None: draw the reference as it arrives."""
+    def _set_plan(self, plan: Trajectory | None) -> None:
+        """Draw the tool path of a plan, or, if it is None, the path of the reference so far."""
         self._plan = plan
-        self._ways += 1
+        self._paths += 1
         points: list[list[float]] | None = None
-        if plan is not None and len(plan.times) > 1 and self.control.hand is not None:
-            points = _tool_path(self.control.hand.kinematics, plan)
-        self._plan_part = text_of({'way': self._ways, 'points': points})
+        if plan is not None and len(plan.times) > 1 and self.control.jog_motion is not None:
+            points = _tool_path(self.control.jog_motion.kinematics, plan)
+        self._plan_part = text_of({'number': self._paths, 'points': points})
 
     def _taught(self) -> dict[str, list[float]]:
-        """Return the driver's points as X, Y, Z, mm, and U, V, W, degrees, in EPSON's world."""
-        if self.control.hand is None:
+        """Return the driver's points by name: X Y Z, mm, and U V W, degrees, in EPSON's world."""
+        if self.control.jog_motion is None:
             return {}
-        arm, result = self.control.hand.kinematics, {}
+        arm, result = self.control.jog_motion.kinematics, {}
         for name, values in self._state.taught.items():
             pose = arm.in_base(pose_of_quaternion(name, values))
             place = [*(1e3 * pose[:3, 3]), *np.degrees(uvw(pose[:3, :3]))]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel's two ROS nodes, and the discovery of drivers.
 
-One node is spun by an executor, for answers. The other only holds subscriptions, which are polled
-(`ros_robot.py`).
+An executor spins one node, which receives answers. The other node has subscriptions only, which
+are polled (`ros_robot.py`).
 """
 
 from collections import deque
@@ -30,13 +30,13 @@ from epson_driver.panel.ros_robot import RosRobot
 NAME = 'epson_driver_panel'
 
 SPEED_SERVICE = ('epson_msgs/srv/SetSpeedScaling', '/set_speed_scaling')
-"""A service that only this driver has. Drivers are discovered by its type and name."""
+"""Type and end of the name of a service that identifies a driver of this package."""
 
-GOAL_PATIENCE_S = 3.0
-"""Time for the panel's goals to end when the panel closes, s."""
+GOAL_TIMEOUT_S = 3.0
+"""Maximum time for the panel's goals to end when the panel closes, s."""
 
 MAX_AT_ONCE = 50
-"""Maximum messages of one topic per turn. Further ones are left for the next turn."""
+"""Maximum number of messages of a topic that are read at a time."""
 
 MANY = QoSProfile(depth=MAX_AT_ONCE, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -45,14 +45,15 @@ LOG = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Transient local, to receive lines logged before the panel started."""
+"""Transient local, to receive the lines that were logged before the panel started."""
 
 
 class RosDiscovery:
-    """Connects to ROS with the arguments of the command line. Raises the errors of rclpy.init.
+    """The panel's connection to ROS, and the drivers in it.
 
-    `on_error` is called with an exception of the ROS thread. `names`: the drivers' nodes, or None
-    for every driver found.
+    `arguments`: those of the command line. `names`: the drivers' nodes, or None for all drivers
+    that are found. `on_error` is called with the failed part and an exception of the ROS thread.
+    Raises the exceptions of rclpy.init.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class RosDiscovery:
         on_error: Callable[[str, BaseException], None],
     ) -> None:
         self._context = Context()
-        # rclpy's own SIGTERM handler would only shut down ROS and leave the page open
+        # rclpy's own SIGTERM handler would shut down ROS only, and the page would stay open
         with udp_by_default():
             rclpy.init(
                 args=arguments,
@@ -79,9 +80,9 @@ class RosDiscovery:
         self._thread.executor.add_node(self._node)
         self._thread.start()
         self.robots: dict[str, RosRobot] = {}
-        """By the names of their nodes, in the order in which they were found."""
+        """The drivers by the names of their nodes, in the order of discovery."""
         self._early: deque[tuple[str, Event]] = deque(maxlen=MAX_EVENTS)
-        """Lines of nodes that are no drivers, or not yet known as drivers."""
+        """Log lines of nodes that are not known as drivers (yet)."""
         self._find = names is None
         for name in names or ():
             self._add(name)
@@ -100,12 +101,12 @@ class RosDiscovery:
                 robot.state.add_event(event)
 
     def sample(self, now: float) -> None:
-        """Read the new messages of every robot."""
+        """Read the new messages of all drivers. `now`: the panel's clock, s."""
         for robot in self.robots.values():
             robot.sample(now)
 
     def sample_slow(self, now: float) -> None:
-        """Read the infrequent messages: diagnostics and log lines."""
+        """Read diagnostics and log lines. `now`: the panel's clock, s."""
         for message in take_all(self._diagnostics, MAX_AT_ONCE):
             for status in message.status:
                 node, separator, part = status.name.partition(': ')
@@ -113,8 +114,8 @@ class RosDiscovery:
                 if robot is not None and separator and part == 'arm':
                     robot.on_diagnostics(status, now)
         for line in take_all(self._log, MAX_AT_ONCE):
-            at = line.stamp.sec + line.stamp.nanosec * 1e-9
-            event = Event(at, level(line), line.msg)
+            stamp = line.stamp.sec + line.stamp.nanosec * 1e-9
+            event = Event(stamp, level(line), line.msg)
             name = '/' + line.name.replace('.', '/')
             robot = self.robots.get(name)
             if robot is not None:
@@ -122,8 +123,8 @@ class RosDiscovery:
             else:
                 self._early.append((name, event))
 
-    def look_around(self, now: float) -> None:
-        """Discover new drivers, and query the parameters of the known ones."""
+    def discover(self, now: float) -> None:
+        """Add new drivers, and request the parameters of all. `now`: the panel's clock, s."""
         if self._find:
             kind, ending = SPEED_SERVICE
             for service, types in self._node.get_service_names_and_types():
@@ -134,24 +135,24 @@ class RosDiscovery:
             robot.look_for_driver(now)
 
     def forget_silent(self, now: float, after: float) -> list[str]:
-        """Remove discovered drivers that have reported nothing for `after` s.
+        """Remove discovered drivers that have been silent for `after` s, and return their names.
 
-        Returns the names of their nodes.
+        `now`: the panel's clock, s.
         """
         if not self._find:
             return []
-        silent = [name for name, item in self.robots.items() if now - item.last_heard(now) > after]
+        silent = [name for name, item in self.robots.items() if now - item.last_seen(now) > after]
         for name in silent:
             self.robots.pop(name).close()
         return silent
 
     def cancel_goals(self) -> bool:
-        """Cancel all goals of the panel and return whether all have ended in time."""
+        """Cancel all goals of the panel, and return whether all ended within GOAL_TIMEOUT_S."""
         goals = [goal for robot in self.robots.values() for goal in robot.cancel_goals()]
-        return all(goal.ended.wait(GOAL_PATIENCE_S) for goal in goals)
+        return all(goal.ended.wait(GOAL_TIMEOUT_S) for goal in goals)
 
     def close(self) -> None:
-        """Leave ROS."""
+        """Destroy the nodes, and shut down rclpy."""
         self._thread.leave()
         self._thread.executor.shutdown()
         self._node.destroy_node()

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One driver, accessed through its topics, services and action.
 
-Topics have no callbacks, because rclpy spends more time on 180 of them a second than on all the
-rest of the panel. The subscriptions keep the last message, and `sample` reads it at the page's
-refresh rate.
+Subscriptions have no callbacks, because 180 callbacks per second would take rclpy more time than
+the rest of the panel. They store the last message, and `sample` reads it at the page's refresh
+rate.
 """
 
 import math
@@ -54,16 +54,15 @@ from epson_driver.panel.robot_state import (
 )
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort: the driver neither waits for the panel nor repeats anything for it."""
+"""Best effort, so that the driver neither waits for the panel nor repeats messages for it."""
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 ANSWER_TIMEOUT_S = 15.0
-"""Longer than the driver needs to switch the motors on, s."""
+"""Timeout of a service, s. The driver needs less to switch the motors on."""
 
 PARAMETERS_TIMEOUT_S = 3.0
-"""Timeout, s. A driver that has died in between never answers, and another may have replaced
-it."""
+"""Timeout of a request for parameters, s. A driver that has died never answers."""
 
 PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
 
@@ -71,27 +70,27 @@ TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
 
 
 class NoDriverError(RequestError):
-    """No server is available for the request named in the text."""
+    """The driver offers no server for a request. The text names the server."""
 
 
 class Goal:
-    """A goal of the panel. It can be canceled even before it is sent or accepted.
+    """A goal of the panel, which can be canceled even before it is sent or accepted.
 
-    `cancel` may be called in any thread, `accepted` only in the executor's.
+    `cancel` may be called in any thread, `accepted` only in the executor's thread. `text`: name of
+    the goal for the log.
     """
 
     def __init__(self, text: str, executor: Executor) -> None:
         self.text = text
         self.ended = threading.Event()
-        self.unwanted = False
-        """Whether it has been canceled."""
+        self.canceled = False
         self._executor = executor
         self._handle: Any = None
         self._canceled_early = False
 
     def cancel(self) -> None:
-        """Cancel the goal, so the driver stops the arm. A goal not sent yet is dropped."""
-        self.unwanted = True
+        """Cancel the goal. A goal that is not sent yet is dropped."""
+        self.canceled = True
         self._executor.create_task(self._cancel)
 
     def accepted(self, handle: Any) -> None:
@@ -108,10 +107,11 @@ class Goal:
 
 
 class RosRobot:
-    """A driver by the name of its node, such as /left/epson_driver.
+    """A driver. `name`: its node, such as /left/epson_driver.
 
-    `node` is spun by `executor`, in one thread, and receives the answers. `sampled` belongs to no
-    executor. Requests are thread-safe and do not block. `sample` runs in one thread.
+    `executor` spins `node`, which receives the answers, in one thread. No executor spins
+    `sampled`, the node of the subscriptions. Requests are thread-safe and do not block. `sample`
+    runs in one thread.
     """
 
     def __init__(self, node: Node, executor: Executor, sampled: Node, name: str) -> None:
@@ -122,8 +122,8 @@ class RosRobot:
         self._found: float | None = None
         self.state = RobotState()
         self.parameters: dict[str, Any] = {}
-        """Values of PARAMETERS, once received. They are requested periodically, because another
-        driver may have taken this name."""
+        """Values of PARAMETERS, or empty before the first answer. They are requested periodically,
+        because another driver may have replaced the first one under the same name."""
         self._triggers = {
             trigger: node.create_client(Trigger, f'{name}/{trigger}') for trigger in TRIGGERS
         }
@@ -154,18 +154,21 @@ class RosRobot:
             (subscribed(sampled, kind, topic, qos), handle) for kind, topic, handle, qos in topics
         ]
 
-    def last_heard(self, now: float) -> float:
-        """Return when the driver was last present or last reported, by the panel's clock, s."""
+    def last_seen(self, now: float) -> float:
+        """Return when the driver was last present or last reported, by the panel's clock, s.
+
+        `now`: the time, s.
+        """
         if self._found is None or self._get_parameters.service_is_ready():
             self._found = now
         news = (self.state.times.get(item) for item in ('diagnostics', 'joints', 'status'))
         return max([self._found, *(new for new in news if new is not None)])
 
     def close(self) -> None:
-        """Release a driver that is gone."""
+        """Destroy the subscriptions, clients and publishers, because the driver is gone."""
         for subscription, _ in self._topics:
             self._sampled.destroy_subscription(subscription)
-        # in the executor's thread, which must not wait on entities that are just being destroyed
+        # in the executor's thread, which must not wait for a destroyed entity
         self._executor.create_task(self._destroy)
 
     def _destroy(self) -> None:
@@ -187,9 +190,9 @@ class RosRobot:
                 handle(message, now)
 
     def look_for_driver(self, now: float) -> None:
-        """Request the parameters while a driver is present, and drop them when it is gone.
+        """Request the parameters of the driver, or drop them if it is gone. `now`: s.
 
-        ROS may list a killed driver for another 20 s, but its diagnostics end immediately.
+        A driver is also gone if its diagnostics end. ROS may list a killed node for another 20 s.
         """
         silent = 'diagnostics' in self.state.times and not self.state.fresh('diagnostics', now)
         if silent or not self._get_parameters.service_is_ready():
@@ -200,7 +203,7 @@ class RosRobot:
                 self._forget(goal)
                 self.log(f'{goal.text}: the driver has disappeared, the result is unknown', WARN)
             return
-        self._points.look(now)
+        self._points.poll(now)
         if self._asking is not None and now - self._asked > PARAMETERS_TIMEOUT_S:
             self._give_up_asking()
         if self._asking is None or self._asking.done():
@@ -215,7 +218,7 @@ class RosRobot:
             self._asking = None
 
     def on_diagnostics(self, status: DiagnosticStatus, now: float) -> None:
-        """Update from the status `NAME: arm` of /diagnostics."""
+        """Update the state from the status `NAME: arm` of /diagnostics. `now`: s."""
         values = {item.key: item.value for item in status.values}
         state = self.state
         state.gate_open = values.get('arm gate') == 'open'
@@ -259,7 +262,7 @@ class RosRobot:
         self.state.times['status'] = now
 
     def _on_controller_state(self, message: Any, now: float) -> None:
-        """Read the joints from the driver's topic, as other nodes may publish `joint_states`."""
+        """Read the joints from ~/controller_state. Other nodes may publish `joint_states`."""
         state, stamp, at = self.state, message.header.stamp, message.feedback
         sent, names = list(message.joint_names), tuple(self.parameters.get('joint_names', ()))
         if not names or not self._joints.take(sent, at.positions, at.velocities, stamp, now):
@@ -295,28 +298,31 @@ class RosRobot:
         )
         self.state.io_reason = '' if message.valid else message.message
 
-    # --- requests to the driver: none blocks, `say` receives the outcome ------------------------
+    # --- requests to the driver: they do not block, and call `say` with the outcome -------------
 
     def trigger(self, name: str, say: Say) -> None:
-        """Call ~/stop, ~/enable, ~/disable or ~/reset_error. Raises NoDriverError."""
+        """Call one of the services in TRIGGERS. Raises NoDriverError if it is unavailable."""
         self._call(self._triggers[name], Trigger.Request(), f'~/{name}', say)
 
     def set_speed(self, factor: float, say: Say) -> None:
-        """Set the speed of trajectories, as a share of the plan. Raises NoDriverError."""
+        """Set the speed scaling, 0 … 1. Raises NoDriverError if the service is unavailable."""
         request = SetSpeedScaling.Request(factor=factor)
         self._call(self._set_speed, request, '~/set_speed_scaling', say)
 
     def write_output(self, index: int, value: int, say: Say) -> None:
-        """Set a digital output. Raises NoDriverError."""
+        """Set a digital output. Raises NoDriverError if the service is unavailable."""
         point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
         self._call(self._write_io, WriteIo.Request(points=[point]), '~/write_io', say)
 
     def jog(self, names: Sequence[str], velocities: Array) -> None:
-        """Send velocities of joints, rad/s or m/s, which count for `servo.timeout` (0.1 s)."""
+        """Send joint velocities, rad/s or m/s. The driver applies them for `servo.timeout`."""
         self._jog.publish(JointJog(joint_names=list(names), velocities=velocities.tolist()))
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Send a trajectory as a goal. Raises NoDriverError."""
+        """Send a trajectory as a goal. `text`: its name in the log.
+
+        Raises NoDriverError if the action is unavailable.
+        """
         if not self._action.server_is_ready():
             raise NoDriverError(f'no server for {self.name}/follow_joint_trajectory')
         goal = Goal(text, self._executor)
@@ -324,9 +330,9 @@ class RosRobot:
             self._goals.append(goal)
         message = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
 
-        def ended(say_what: str, level: int) -> None:
+        def ended(outcome: str, level: int) -> None:
             self._forget(goal)
-            say(f'{text}: {say_what}', level)
+            say(f'{text}: {outcome}', level)
 
         def on_result(future: Any) -> None:
             answer = future.result()
@@ -342,23 +348,23 @@ class RosRobot:
             goal.accepted(handle)
 
         def send() -> None:
-            if goal.unwanted:
+            if goal.canceled:
                 ended('canceled before it was sent', WARN)
             else:
                 self._action.send_goal_async(message).add_done_callback(on_handle)
 
-        # rclpy's action client registers a request only after sending it. An answer processed
-        # earlier by another thread would be lost, and the goal could not be canceled any more.
+        # rclpy's action client registers a request only after sending it. If another thread
+        # processed the answer before, it would be lost, and the goal could not be canceled.
         self._executor.create_task(send)
 
     @property
     def goals(self) -> list[Goal]:
-        """The goals that the panel has sent, and that have not ended."""
+        """The goals of the panel that have not ended."""
         with self._goals_lock:
             return list(self._goals)
 
     def cancel_goals(self) -> list[Goal]:
-        """Cancel every goal that the panel has sent and return those that have not ended yet."""
+        """Cancel all goals of the panel, and return those that have not ended yet."""
         goals = self.goals
         for goal in goals:
             goal.cancel()
@@ -384,11 +390,11 @@ class RosRobot:
             answer = done.result()
             say(f'{name}: {answer.message}', INFO if answer.success else ERROR)
 
-        # after the goals queued before: a stop overtakes none
+        # in the executor's thread, so that a stop is sent after the goals queued before it
         self._executor.create_task(lambda: client.call_async(request).add_done_callback(on_answer))
 
     def log(self, text: str, level: int) -> None:
-        """Add a line of the panel to the log of the driver."""
+        """Add a line to the log of this robot in the page."""
         self.state.add_event(Event(time.time(), level, text))
 
 

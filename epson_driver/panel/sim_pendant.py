@@ -26,11 +26,11 @@ LOGIN_LASTS_S = 3000.0
 RETRY_PERIOD_S = 1.0
 
 Say = Callable[[str, bool], object]
-"""Callback for the outcome of a command: a reason, and whether it was carried out."""
+"""Callback for the outcome of a command: a text, and whether it was carried out."""
 
 
 class NotSimulatedError(RequestError):
-    """No simulated controller is available."""
+    """A request needs a simulated controller, and none is connected."""
 
 
 class SimPendant:
@@ -43,7 +43,7 @@ class SimPendant:
         self.real = False
         """Whether the controller has answered that it is not simulated."""
         self.latest: tuple[Simulation, float] | None = None
-        """The latest report, and its time by the panel's clock, s."""
+        """The latest report, and when it arrived, by the panel's clock, s."""
         self._loop = loop
         self._clock = clock
         self._commands: asyncio.Queue[tuple[Action, Say]] = asyncio.Queue()
@@ -159,7 +159,7 @@ class PendantThread:
 
 
 def _report(task: 'asyncio.Task[None]') -> None:
-    """Report an exception of a pendant's task, before asyncio does."""
+    """Report an exception of a pendant's task to the handler of its loop."""
     if not task.cancelled() and (error := task.exception()) is not None:
         task.get_loop().call_exception_handler({'message': 'a pendant failed', 'exception': error})
 

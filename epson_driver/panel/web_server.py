@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page and its websocket, under the rules of `access.py`, in a thread."""
+"""Serves the page and its websocket in a thread, under the rules of `access.py`."""
 
 import asyncio
 import errno
@@ -25,20 +25,21 @@ from epson_driver.panel.window import BadMessageError, Window
 
 PING_PERIOD_S = 2.0
 PING_TIMEOUT_S = 10.0
-"""Silence after which a browser counts as disconnected, s. It is long because a slow line may
-delay an answer by seconds. Motion started by the browser ends sooner: arming.ALIVE_WITHIN_S."""
+"""Time without an answer to a ping after which a browser counts as disconnected, s. A slow
+connection may delay an answer by seconds. Motion ends earlier (arming.ALIVE_WITHIN_S)."""
 
 CLOSE_TIMEOUT_S = 1.0
 """Maximum wait for a browser's closing handshake, s."""
 
 MAX_MESSAGE_BYTES = 10_000
-"""Maximum size of a browser's message. The page's messages are far smaller."""
+"""Maximum size of a message from a browser. Those of the page are far smaller."""
 
 RECEIVE_BUFFER_BYTES = 4096
-"""Receive buffer of each connection: the most data of one window that one turn of the loop reads.
-Linux doubles it."""
+"""Receive buffer of a connection. It limits the data of one window that the event loop processes
+before it serves the others. Linux doubles it."""
 
 START_TIMEOUT_S = 10.0
+"""Maximum time for the start of the server's thread, s."""
 
 KINDS = {
     'html': 'text/html',
@@ -53,26 +54,26 @@ POLICY_VIOLATION = 1008
 
 
 class WebServerError(RuntimeError):
-    """The page cannot be served, with the reason and the remedy as text."""
+    """The page cannot be served. The text is the reason and the remedy."""
 
 
 class WindowListener(Protocol):
-    """Listener for windows, called in the server's thread."""
+    """The receiver of windows and their messages, called in the server's thread."""
 
     def came(self, window: Window) -> None:
-        """Add a window, which may send messages from now on."""
+        """Add an opened window."""
 
     def gone(self, window: Window) -> None:
         """Remove a closed window."""
 
     def received(self, window: Window, text: str | bytes) -> None:
-        """Process a window's message. Raises BadMessageError if no page could have sent it."""
+        """Process a message. Raises BadMessageError if the panel's page never sends it."""
 
 
 class Page(NamedTuple):
-    """A file of the page: its kind and its bytes."""
+    """The body of a response, and its content type."""
 
-    kind: str
+    content_type: str
     body: bytes
 
 
@@ -90,10 +91,10 @@ def page_files() -> dict[str, Page]:
 
 
 class WebServer:
-    """Serves the page at an address of this machine. `token`: required from clients, unless None.
+    """Serves the page at an address of this machine. `token`: required from clients unless None.
 
-    `on_error` is called with failures that end the thread. Raises WebServerError if the port is in
-    use or the address is not local.
+    `on_error` is called with the failed part and the exception. Raises WebServerError if the port
+    cannot be opened, or if other machines can reach the address and the token is None.
     """
 
     def __init__(
@@ -166,11 +167,11 @@ class WebServer:
             self._visitors.came(window)
             async for message in connection:
                 self._visitors.received(window, message)
-                await asyncio.sleep(0)  # else one turn would drain websockets' queue
+                await asyncio.sleep(0)  # serves other windows between two queued messages
         except BadMessageError as error:
             await connection.close(POLICY_VIOLATION, str(error)[:100])
         except ConnectionClosed:
-            pass  # whatever ended it, the window is gone
+            pass  # the window is gone
         except Exception as error:  # noqa: BLE001 - websockets would only print it
             self._on_error('a request of a window failed', error)
         finally:
@@ -187,18 +188,19 @@ class WebServer:
 
 
 class _Connection(ServerConnection):
-    """A connection that fails at more frames than a page sends, and at a fragmented message.
+    """A connection that fails at too many frames (`Window.count`), and at fragmented messages.
 
-    Pings count, too. The library answers each of them and stores any number of empty fragments.
+    Pings count, too, because the library answers each of them. Fragments are refused, because it
+    stores any number of empty ones.
     """
 
     @functools.cached_property
     def window(self) -> Window:
-        """The page at the other end."""
+        """The window at the other end."""
         return Window(self.loop)
 
     def process_event(self, event: Event) -> None:
-        """Process the request, then each frame."""
+        """Process the opening request or a frame."""
         if isinstance(event, Frame) and self.protocol.state is OPEN:
             try:
                 self.window.count(self.loop.time())
@@ -240,7 +242,7 @@ def _remedy(error: OSError) -> str:
 def _answer(
     access: Access, pages: dict[str, Page], connection: ServerConnection, request: Request
 ) -> Response | None:
-    """Answer a request with a file of the page or a rejection, or None to open a websocket."""
+    """Return the response to a request, or None to open a websocket."""
     headers = {}
     for name, value in request.headers.raw_items():
         if name.lower() in headers and name.lower() != 'cookie':
@@ -264,7 +266,7 @@ def _text(status: int, text: str) -> Response:
 def _response(status: int, page: Page, more: dict[str, str]) -> Response:
     headers = Headers(
         {
-            'Content-Type': page.kind,
+            'Content-Type': page.content_type,
             'Content-Length': str(len(page.body)),
             'Connection': 'close',
             **more,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes a run as an MCAP bag for Foxglove, PlotJuggler and `ros2 bag`.
 
-Command topics are omitted: a plan is written as `report/plan`, so that playing the bag on a
-network with a robot moves nothing.
+The bag has no command topics, because playing them could move a robot. Plans are written to
+`report/plan`.
 """
 
 import tempfile
@@ -47,11 +47,11 @@ industrial_msgs/TriState in_error
 int32[] error_codes
 """,
 }
-"""Copies of interfaces/industrial_msgs, from ROS-Industrial. A test compares them."""
+"""The message definitions of interfaces/industrial_msgs. A test compares both."""
 
 
 def typestore() -> Any:
-    """Return the types of ROS 2 Jazzy and industrial_msgs."""
+    """Return the message types of ROS 2 Jazzy and of industrial_msgs."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, definition in INDUSTRIAL_MSGS.items():
         store.register(get_types_from_msg(definition, name))
@@ -59,7 +59,7 @@ def typestore() -> Any:
 
 
 METADATA_VERSION: Final = 9
-"""The version written by ROS 2 Jazzy."""
+"""Version of metadata.yaml that ROS 2 Jazzy writes."""
 
 LEVELS = {'info': 20, 'warning': 30, 'error': 40}
 """Levels of rcl_interfaces/Log."""
@@ -74,10 +74,10 @@ TOPICS = {
 
 
 def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
-    """Write a run into a new folder, with the velocities of the figures.
+    """Write a run into a new folder, with the velocities of `numbers`.
 
-    Raises RunError if the folder exists, OSError if it cannot be written. No partial bag remains
-    then.
+    Raises RunError if the folder exists, and OSError if the bag cannot be written. A failure
+    leaves no partial bag.
     """
     if folder.exists():
         raise RunError(f'{folder}: must be a new folder for the bag')
@@ -104,7 +104,7 @@ def _write(run: Run, numbers: Figures, folder: Path) -> None:
 
 
 def _messages(run: Run, numbers: Figures, store: Any) -> Iterator[tuple[int, str, Any]]:
-    """Yield ns since 1970, topic and message."""
+    """Yield the messages of a run: time in ns since 1970, topic, message."""
     types = store.types
     stamp_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
 

@@ -45,13 +45,14 @@ _LENGTH = 9
 """Bytes of a record's operation code and length."""
 
 _END = bytes([FOOTER]) + (20).to_bytes(8, 'little') + bytes(20) + MAGIC
-"""A footer without a summary, which makes a reader scan the records."""
+"""A footer without a summary, which makes MCAP readers scan the records."""
 
 
 def whole_mcap(path: Path, folder: Path) -> Path | None:
-    """Return a copy, in a folder, of the complete records of a file that may be truncated.
+    """Write the complete records of a possibly truncated MCAP file into a new file in `folder`.
 
-    None if it is no MCAP file. Raises OSError.
+    Returns the path of the new file, or None if `path` is no MCAP file. Raises OSError if a file
+    cannot be read or written.
     """
     copy = folder / path.name
     with open_file(path) as source:
@@ -81,25 +82,25 @@ WARNING, ERROR = 30, 40
 """Levels of rcl_interfaces/Log."""
 
 MAX_JOINT_STATES = 3_000_000
-"""Maximum for one bag: 4.6 hours at 182 Hz."""
+"""Maximum number in one bag: 4.6 hours at 182 Hz."""
 
-USUAL_BYTES, GROWTH = 128 * MEGABYTE, 50
-"""Memory for a bag, bytes, and extra memory for each of its bytes (an arm at rest needs 20)."""
+BASE_BYTES, GROWTH = 128 * MEGABYTE, 50
+"""Maximum memory for reading a bag: BASE_BYTES, and GROWTH bytes for each byte of the bag."""
 
 CUT_OFF = 'the file is truncated: its end with the index is missing, complete messages were read'
 
-WANTED = (
+TOPICS_TO_RECORD = (
     "record joint_states, robot_status, rosout and the driver's ~/link_state, ~/controller_state"
 )
 
 
 def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run:
-    """Return the run in a bag: a folder, or its one file.
+    """Return the run in a bag. `path`: its folder, or its file if it has only one.
 
-    namespace: the robot's, needed if the bag has several joint_states. Raises RunError if
-    something is missing or the bag cannot be read, with the reason.
+    namespace: the namespace of the robot, needed if the bag has several joint_states. Raises
+    RunError if joint states are missing, or if the bag cannot be read.
     """
-    maximum = USUAL_BYTES + GROWTH * _size(path)
+    maximum = BASE_BYTES + GROWTH * _size(path)
     try:
         with _bounded(maximum):
             try:
@@ -126,7 +127,10 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
 
 
 def _size(path: Path) -> int:
-    """Return the size of a bag on the disk, bytes. Raises InputError unless all are files."""
+    """Return the size of a bag on the disk, bytes.
+
+    Raises InputError if one of its files is not a regular file, or if metadata.yaml is invalid.
+    """
     files = [item for item in path.iterdir() if not item.is_dir()] if path.is_dir() else [path]
     if (described := path / 'metadata.yaml') in files:
         read_yaml(described, largest=10 * MEGABYTE)
@@ -139,16 +143,16 @@ def _size(path: Path) -> int:
 
 
 @contextmanager
-def _bounded(most: int) -> Iterator[None]:
-    """Limit the additional memory of this process, and the size of a file, bytes.
+def _bounded(maximum: int) -> Iterator[None]:
+    """Limit the additional memory of this process, and the size of files that it writes, bytes.
 
-    The library has no limits, and a chunk, a message or a file can be compressed.
+    A compressed bag can expand to any size, which the library does not limit.
     """
     used = int(Path('/proc/self/statm').read_text('ascii').split()[0]) * resource.getpagesize()
     kinds = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
     before = {kind: resource.getrlimit(kind) for kind in kinds}
     for item, (soft, hard) in before.items():
-        resource.setrlimit(item, (min(used + most, soft % 2**64), hard))  # -1: no limit
+        resource.setrlimit(item, (min(used + maximum, soft % 2**64), hard))  # -1: no limit
     try:
         yield
     finally:
@@ -164,7 +168,7 @@ def _read_whole(
 
 
 class _Bag:
-    """A bag being read. `note`: its damage, if any."""
+    """Collects a run from the messages of a bag. `note`: the damage of the bag, or ''."""
 
     def __init__(self, reader: Any, path: Path, namespace: str | None, note: str) -> None:
         self._reader = reader
@@ -194,17 +198,17 @@ class _Bag:
             if connection.msgtype == JOINT_STATE
         }
         if namespace is not None:
-            wanted = f'/{namespace.strip("/")}/joint_states'.replace('//', '/')
-            if wanted not in result:
+            topic = f'/{namespace.strip("/")}/joint_states'.replace('//', '/')
+            if topic not in result:
                 has = ', '.join(sorted(result)) or 'none'
-                raise RunError(f'{self._path}: it contains no {wanted} (joint states: {has})')
-            return result[wanted]
+                raise RunError(f'{self._path}: it contains no {topic} (joint states: {has})')
+            return result[topic]
         if not result:
             topics = (
                 ', '.join(sorted(connection.topic for connection in self._reader.connections))
                 or 'none'
             )
-            why = self._note or WANTED
+            why = self._note or TOPICS_TO_RECORD
             raise RunError(f'{self._path}: it contains no joint states (topics: {topics}): {why}')
         if len(result) > 1:
             text = f'it contains joint states of several robots ({", ".join(sorted(result))})'
@@ -212,11 +216,14 @@ class _Bag:
         return next(iter(result.values()))
 
     def _belongs(self, connection: Connection) -> bool:
-        """Return whether a topic belongs to this robot, or to all."""
+        """Return whether a topic belongs to this robot, or to all robots."""
         return connection.topic == '/rosout' or connection.topic.startswith(f'{self._prefix}/')
 
     def run(self, texts: ErrorTexts) -> Run:
-        """Read the messages in the order of their times."""
+        """Read the messages in the order of their times, and return the run.
+
+        Raises RunError if the bag has no joint state.
+        """
         self._began = int(self._reader.start_time)
         takers: dict[str, Callable[[Connection, float, Any], None]] = {
             JOINT_STATE: self._joint_state,
@@ -227,7 +234,7 @@ class _Bag:
             FLOAT: self._float,
             CONTROLLER_STATE: self._controller_state,
         }
-        wanted = [
+        connections = [
             item
             for item in self._reader.connections
             if item.msgtype in takers
@@ -236,7 +243,7 @@ class _Bag:
         ]
         broken = self._note
         end = 0.0
-        for connection, stamp, message in self._read(wanted):
+        for connection, stamp, message in self._read(connections):
             if isinstance(message, str):
                 broken = message
                 break
@@ -247,10 +254,13 @@ class _Bag:
             raise RunError(f'{self._path}: {self._states.topic} has no message with positions')
         return self._finished(texts, end, broken)
 
-    def _read(self, wanted: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
-        """Yield connection, ns and message, and finally the reason if the bag is truncated."""
+    def _read(self, connections: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
+        """Yield connection, time in ns, and message.
+
+        If the bag is truncated, the last message is a text with the reason.
+        """
         try:
-            for connection, stamp, data in self._reader.messages(connections=wanted):
+            for connection, stamp, data in self._reader.messages(connections=connections):
                 yield connection, stamp, self._reader.deserialize(data, connection.msgtype)
         except Exception as error:  # a truncated bag ends there
             if not self._times or isinstance(error, MemoryError):
@@ -271,12 +281,12 @@ class _Bag:
         if len(self._times) >= MAX_JOINT_STATES:
             raise RunError(f'{self._path}: more than {MAX_JOINT_STATES} joint states')
         stamp = message.header.stamp
-        at = (stamp.sec * NANOSECONDS + stamp.nanosec - self._began) / NANOSECONDS
-        if abs(at - time) > 5.0:  # no stamp, or another clock
-            at = time
-        if self._times and at <= self._times[-1]:
-            at = self._times[-1] + 1e-6
-        self._times.append(at)
+        measured = (stamp.sec * NANOSECONDS + stamp.nanosec - self._began) / NANOSECONDS
+        if abs(measured - time) > 5.0:  # no stamp, or another clock
+            measured = time
+        if self._times and measured <= self._times[-1]:
+            measured = self._times[-1] + 1e-6
+        self._times.append(measured)
         self._positions.extend(message.position)
         if len(message.velocity) == len(self._names):
             self._velocities.extend(message.velocity)
@@ -352,15 +362,15 @@ class _Bag:
             self._replies.append(Reply(time, float(message.data), 'request'))
 
     def _sent(self) -> list[float]:
-        """Return the sending times of the joint states, whose stamps are arrival times."""
+        """Return the estimated sending times of the joint states, s."""
         arrivals = [Arrival(time, joints=True) for time in self._times]
         arrivals += [Arrival(condition.time, joints=False) for condition in self._conditions]
         return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
 
     def _order(self, names: list[str]) -> list[int] | None:
-        """Return the indices of our joints among others, or None if some are missing."""
+        """Return the indices of the robot's joints in `names`, or None if one is missing."""
         if not self._names:
-            return None  # a plan before the first joint state cannot be assigned
+            return None  # the joints are unknown before the first joint state
         return [names.index(n) for n in self._names] if set(self._names) <= set(names) else None
 
     def _finished(self, texts: ErrorTexts, end: float, broken: str) -> Run:
@@ -371,7 +381,8 @@ class _Bag:
             notes.append(broken)
             events.append(Event(end, 'error', 'the recording ends here'))
         if not self._conditions:
-            notes.append(f'no robot_status, so motors, E-stop and errors are unknown: {WANTED}')
+            text = 'no robot_status, so motors, E-stop and errors are unknown'
+            notes.append(f'{text}: {TOPICS_TO_RECORD}')
         if not self._ours:
             events += condition_events(self._conditions, texts)
         plans = self._plans or list(_followed_plans(self._followed, joints))
@@ -401,7 +412,7 @@ class _Bag:
 
 
 def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
-    """Return why points are no valid plan (the driver rejects them, too), or ''."""
+    """Return why the points of a trajectory are invalid, or ''. The driver rejects them, too."""
     for number, row in enumerate(rows):
         if len(row) != joints:
             return f'point {number} has {len(row)} positions for {joints} joints'
@@ -416,7 +427,10 @@ def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
 def _followed_plans(
     followed: list[tuple[float, float, list[float]]], joints: int
 ) -> Iterator[Plan]:
-    """Yield the plans in ~/controller_state: its reference, goal by goal."""
+    """Yield a plan for each goal, from the references of ~/controller_state.
+
+    followed: time, time from the start of the goal, s, and positions of each reference.
+    """
     rows: list[tuple[float, float, list[float]]] = []
     for row in followed:
         if rows and row[1] < rows[-1][1]:  # the time from the start has been reset

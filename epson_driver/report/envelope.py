@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The plot of an arm's workspace: a SCARA from above, a six-axis arm from the side."""
+"""Plots the workspace of an arm: a SCARA from above, a six-axis arm from the side."""
 
 from pathlib import Path
 
@@ -13,21 +13,22 @@ from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.model import SCARA, SIX_AXIS
 
 STEPS = 121
-"""Number of positions of each of the two joints that span the area."""
+"""Number of sampled positions of each of the two joints that span the workspace."""
 
 SHOWN = {SCARA: (45.0, 60.0, 0.0, 0.0), SIX_AXIS: (0.0, -30.0, 10.0, 0.0, -60.0, 0.0)}
 """Joint positions of the drawn arm, degrees and mm."""
 
 
 class PictureError(RuntimeError):
-    """No picture can be drawn, for the reason in the text."""
+    """A plot cannot be drawn. The text is the reason."""
 
 
 def draw_envelope(path: Path, model: RobotModel) -> None:
-    """Write the plot: X and Y of a SCARA's tool, or Y and Z of a wrist, mm, in EPSON's world.
+    """Write the plot of the positions that an arm reaches, in EPSON's world frame, mm.
 
-    The wrist is the reference point of EPSON's reach figures for six-axis arms. Joint 1 is at 0.
-    Raises PictureError for another kind of arm, or without matplotlib.
+    A SCARA is plotted in X and Y of its tool. A six-axis arm is plotted in Y and Z of its wrist,
+    to which EPSON's reach refers, with joint 1 at 0. Raises PictureError if the arm is of another
+    kind, or if matplotlib is missing.
     """
     if model.kind not in SHOWN:
         raise PictureError(f'{model.name} ({model.kind}): this kind of arm cannot be plotted')
@@ -40,7 +41,7 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     arm, limits = Kinematics(model), model.limits
 
     def in_picture(frames: Array) -> Array:
-        """Return the positions of frames, shape (…, 4, 4), in the plot, shape (…, 2), mm."""
+        """Return the plotted coordinates of frames, mm, shape (…, 2). frames: shape (…, 4, 4)."""
         return np.asarray(arm.in_base(frames)[..., [across, up], 3] * 1e3)
 
     one, two = (

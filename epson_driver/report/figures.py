@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A run in numbers, ready for JSON: rates and timing, replies, and each motion."""
+"""Computes the figures of a run: message rates and intervals, reply latencies, and each motion."""
 
 import math
 from collections.abc import Sequence
@@ -16,29 +16,32 @@ from epson_driver.report.run import NANOSECONDS, Event, Plan, Run
 from epson_driver.robots import RobotModel
 
 HALF_WINDOW_S = 0.03
-"""Half width of the window around a sample, s, against the jitter of arrival times."""
+"""Half width of the window around a sample to which a parabola is fitted, s."""
 
 MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
+"""Minimum and maximum number of samples in a window on either side."""
+
 LATE_PERIODS = 5.0
-"""Gap before a joint state, in periods, above which it counts as very late."""
+"""Interval before a joint state above which it is very late, as a multiple of the median."""
 
 UNLIKELY_SHARE = 0.3
-"""Maximum deviation of a velocity from the fit to many samples, as a share of the fit."""
+"""Maximum deviation of a velocity from the fit to many samples, as a fraction of the fit."""
 
 SHORTEST_SHARE = 0.9
-"""Minimum time between two joint states at their sender, as a share of the median gap."""
+"""Minimum time between two joint states at their sender, as a fraction of the median interval."""
 
 CHUNK = 20_000
 """Number of samples fitted together. It bounds the memory."""
 
 
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
-    """Return velocities and accelerations from the times of sending, shape (k, m).
+    """Return velocities and accelerations from estimated sending times, shape (k, m) each.
 
-    A controller sends periodically, so joint states that arrive in a burst were delayed in
-    transit. Around a very late joint state it is unknown whether it was delayed or sent late. A
-    value there that deviates strongly from a fit to MAX_NEIGHBOURS samples on either side, by
-    arrival times, is replaced by the fit.
+    sent, came: sending and arrival times, s, shape (k,). positions: shape (k, m). A controller
+    sends periodically, so joint states that arrive in a burst were delayed in transit. Around a
+    very late joint state, the sending times are uncertain. A velocity there that deviates strongly
+    from a fit by arrival times to MAX_NEIGHBOURS samples on either side is replaced by the fit,
+    with its acceleration.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)
@@ -48,8 +51,8 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
     velocities, accelerations = derivatives(sent, positions)
     late = np.flatnonzero(gaps > LATE_PERIODS * np.median(gaps))
     doubtful = np.zeros(len(came), dtype=bool)
-    for at in late.tolist():
-        doubtful[max(at - MAX_NEIGHBOURS, 0) : at + 1 + MAX_NEIGHBOURS] = True
+    for index in late.tolist():
+        doubtful[max(index - MAX_NEIGHBOURS, 0) : index + 1 + MAX_NEIGHBOURS] = True
     if not doubtful.any():
         return velocities, accelerations
     reach = min(MAX_NEIGHBOURS, (len(came) - 1) // 2)
@@ -62,19 +65,19 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
 
 
 def apart(times: Array, shortest: float) -> Array:
-    """Return the times, ascending, moved earlier so that none are closer than `shortest` s."""
+    """Return ascending times, moved earlier where they are closer than `shortest` s."""
     steps = shortest * np.arange(len(times))
     return np.asarray(np.minimum.accumulate((times - steps)[::-1])[::-1] + steps)
 
 
 def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
-    """Return velocities and accelerations, shape (k, m) each, from a parabola fitted in a window.
+    """Return velocities and accelerations from parabolas fitted to positions, shape (k, m) each.
 
     Differences of neighbouring samples would turn the jitter of arrival times into spikes.
 
-    times: shape (k,), s, ascending. The window contains the samples up to HALF_WINDOW_S around
-    each sample, at least two on either side. Near the ends it is one-sided. With fewer than five
-    samples both are 0.
+    times: shape (k,), s, ascending. positions: shape (k, m). The parabola of a sample is fitted to
+    the samples within HALF_WINDOW_S, and to at least two on either side. Near the ends the window
+    is one-sided. With fewer than five samples all results are 0.
     """
     count = len(times)
     if count < 2 * MIN_NEIGHBOURS + 1:
@@ -85,7 +88,7 @@ def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
 
 
 def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Array, Array]:
-    """Return both derivatives of the polynomial of a degree through `reach` on either side."""
+    """Return both derivatives of polynomials fitted to `reach` samples on either side."""
     count = len(times)
     velocities, accelerations = np.empty_like(positions), np.zeros_like(positions)
     offsets = np.arange(-reach, reach + 1)
@@ -107,23 +110,27 @@ def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Ar
 
 
 FORMAT = 1
-"""Version of the JSON format. It changes when a name changes its meaning or is removed."""
+"""Version of the JSON format. It changes when a key is removed or changes its meaning."""
 
 STANDSTILL_RAD = 5e-4
-"""Maximum displacement of a joint that counts as not yet moving, rad or m."""
+"""Displacement of a joint up to which the arm has not moved yet, rad or m."""
 
 MAX_PAIRS = 25_000_000
-"""Maximum number of point and joint state pairs compared. Longer motions are subsampled."""
+"""Maximum number of points times joint states that are compared. Longer motions are subsampled."""
 
 STOP_SHARE = 0.02
-"""Share of its top speed below which a moving arm counts as stopped, for the list of stops."""
+"""Speed below which a moving arm is stopped, as a fraction of its top speed."""
 
 MIN_STOP_S = 0.03
+"""Minimum duration of a stop, s."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Regularity of messages: rate in Hz, intervals in s, or None for fewer than two."""
+    """The number and rate, Hz, of messages, and their intervals or latencies, s.
+
+    Values are None if fewer than two messages exist. `p99`: the 99 % quantile.
+    """
 
     count: int
     rate: float | None = None
@@ -134,11 +141,12 @@ class Timing:
 
 @dataclass(frozen=True)
 class Motion:
-    """One trajectory and its execution. Times in s, angles in rad (m), per joint as lists.
+    """One plan and its execution. Times in s, angles in rad, lengths in m.
 
-    dead_time: from the first point on the wire to the first motion of a joint. moved: duration of
-    the motion. stops: stops during the motion that are not in the plan. waypoint_deviation:
-    distance from a point to the path, independent of time. None: the arm did not move.
+    points, planned: number of points and duration of the plan. sent, began: times of the first
+    point and of the first motion. dead_time: between both. moved: duration of the motion. stops:
+    stops during the motion that are not in the plan. waypoint_deviation: largest distance of a
+    point from the path, independent of time. Values are None if the arm did not move.
     """
 
     sent: float
@@ -157,7 +165,10 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """All figures of a run. velocities, accelerations: shape (k, m), for the page's curves."""
+    """All figures of a run. velocities, accelerations: of the joint states, shape (k, m).
+
+    traffic: message name, sender and intervals. replies: request name and latencies.
+    """
 
     velocities: Array
     accelerations: Array
@@ -170,10 +181,10 @@ class Figures:
 
 
 def figures(run: Run, metric: Array | None = None) -> Figures:
-    """Return the figures of a run, with measured velocities if available.
+    """Return the figures of a run, with measured velocities if it has them.
 
-    metric: JointLimits.rad_per_unit of the robot's joints, shape (m,). Without it, no joint is
-    treated as prismatic, which matters for detecting standstills.
+    metric: JointLimits.rad_per_unit, shape (m,), which makes prismatic joints comparable with
+    revolute ones when standstills are detected. Without it, all joints count as revolute.
     """
     metric = np.ones(len(run.joint_names)) if metric is None else metric
     sent = run.times if run.sent is None else run.sent
@@ -229,7 +240,7 @@ def _latencies(values: Sequence[float]) -> Timing:
 def _motion(
     plan: Plan, until: float, run: Run, velocities: Array, accelerations: Array, metric: Array
 ) -> Motion:
-    """Return the figures of a plan's execution, from the joint states until the next plan."""
+    """Return the figures of a plan's execution. `until`: the time of the next plan, s."""
     bare = Motion(plan.sent, len(plan.times), float(plan.times[-1]))
     here = np.flatnonzero((run.times >= plan.sent) & (run.times < until))
     if len(here) < 2:
@@ -276,16 +287,16 @@ def _motion(
 
 
 def _standstills(
-    run: Run, velocities: Array, begin: float, end: float
+    run: Run, velocities: Array, start: float, end: float
 ) -> list[tuple[float, float]]:
-    """Return the standstills of the arm between two times: start and duration."""
-    here = np.flatnonzero((run.times >= begin) & (run.times <= end))
+    """Return start and duration, s, of each standstill of the arm between two times."""
+    here = np.flatnonzero((run.times >= start) & (run.times <= end))
     speed = np.abs(velocities[here]).max(axis=1)
-    still = speed < STOP_SHARE * speed.max()
-    moving = np.flatnonzero(~still)
+    at_rest = speed < STOP_SHARE * speed.max()
+    moving = np.flatnonzero(~at_rest)
     if moving.size < 2:
         return []
-    inside = still[moving[0] : moving[-1]].astype(np.int8)
+    inside = at_rest[moving[0] : moving[-1]].astype(np.int8)
     edges = np.diff(inside, prepend=0, append=0)
     times = run.times[here][moving[0] :]
     result = [
@@ -294,11 +305,11 @@ def _standstills(
             np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
         )
     ]
-    return [(at, long) for at, long in result if long >= MIN_STOP_S]
+    return [(time, duration) for time, duration in result if duration >= MIN_STOP_S]
 
 
 def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotModel) -> Any:
-    """Return the figures as input for json.dumps. Names end in their unit, if any."""
+    """Return the figures as data for json.dumps. Keys with times end in their unit."""
     limits = model.limits
     return {
         'format': FORMAT,
@@ -326,7 +337,9 @@ def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotMod
             for name, timing in numbers.replies
         ],
         'motions': [_motion_json(motion) for motion in numbers.motions],
-        'standstills': [{'time_s': at, 'duration_s': long} for at, long in numbers.stops],
+        'standstills': [
+            {'time_s': time, 'duration_s': duration} for time, duration in numbers.stops
+        ],
         'events': [
             {
                 'time_s': event.time,

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a run from the received joint states: duration, stops, deviations."""
+"""Computes duration, stops and deviations of one motion from the received joint states."""
 
 from dataclasses import dataclass
 
@@ -10,21 +10,20 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.closest_samples import closest_sample_indices
 
 STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
-"""Below the first share of the run's typical speed the arm has stopped, above the second it moves
-again. The hysteresis suppresses the noise of arrival times."""
+"""Fractions of the typical speed below which the arm has stopped, and above which it moves again.
+The hysteresis suppresses the noise of arrival times."""
 
 NEIGHBOURS = 2
-"""Number of joint states on either side from which the speed is computed."""
+"""Number of joint states on either side from which a speed is computed."""
 
 MAX_DEVIATION_RAD = 0.02
-"""Maximum distance of the path from a waypoint, rad. The path between two joint states is taken as
-straight, which is 1 mrad off at the highest acceleration if they are 14 ms apart, more if they are
-less frequent."""
+"""Maximum distance of the path from a waypoint in a correct motion, rad. The path between two
+joint states is assumed to be straight, which causes an error of 1 mrad if they are 14 ms apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Joint states in order of arrival: times (k,) in s, positions, velocities (k, n)."""
+    """Joint states in order of arrival. times: s, shape (k,). The others: shape (k, n)."""
 
     times: Array
     positions: Array
@@ -33,9 +32,10 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The figures of a run. Times in s, angles in rad, speed in rad/s (m: as rad, see `measure`).
+    """The figures of one motion. Times in s, deviations in rad, speed in rad/s, rate in Hz.
 
-    stops: stops during the motion, without the commanded ones.
+    planned, moved: durations of plan and motion. stops: stops that are not in the plan.
+    commanded_stops: stops that are. waypoint_times: when the arm passed the waypoints, shape (n,).
     """
 
     planned: float
@@ -52,9 +52,9 @@ class Figures:
 
 
 def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
-    """Return the figures of a run, with the joints of both in the same order.
+    """Return the figures of the motion along a trajectory, with its joints in the same order.
 
-    metric: JointLimits.rad_per_unit of the joints, shape (n,), needed if some are prismatic.
+    metric: JointLimits.rad_per_unit, shape (n,), needed if some joints are prismatic.
     """
     if metric is not None:
         trajectory = Trajectory(
@@ -86,10 +86,10 @@ def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None)
 
 
 def _speeds(run: Recording) -> Array:
-    """Return the fastest joint's speed at each state, relative to the run's median, shape (k,).
+    """Return the speed of the fastest joint at each state, relative to the median, shape (k,).
 
-    Each speed is computed from the states around, two on either side, so that a single late one is
-    no stop. The median is used because states in a burst look too fast.
+    A speed is computed over two states on either side, so that a single late one is no stop. The
+    median is the reference, because states that arrive in a burst appear too fast.
     """
     steps = np.abs(run.positions[2 * NEIGHBOURS :] - run.positions[: -2 * NEIGHBOURS]).max(axis=1)
     between = np.maximum(run.times[2 * NEIGHBOURS :] - run.times[: -2 * NEIGHBOURS], 1e-3)
@@ -102,12 +102,12 @@ def _stops(speeds: Array) -> int:
     """Return how often the arm stopped and moved again."""
     moving = speeds >= MOVING_SHARE
     decided = moving | (speeds <= STOPPED_SHARE)
-    begins = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
-    return max(len(begins) - 1, 0)
+    starts = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
+    return max(len(starts) - 1, 0)
 
 
 def _commanded_stops(trajectory: Trajectory) -> int:
-    """Return how often the plan itself slows down to a stop before its end."""
+    """Return how often the plan stops before its end."""
     if len(trajectory.times) < 3:
         return 0
     steps = np.diff(trajectory.positions, axis=0) / np.diff(trajectory.times)[:, None]
@@ -117,7 +117,10 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return the distance to each waypoint, rad, and its passage time, s, in shapes (n,)."""
+    """Return the distance of the path from each waypoint, rad, and when it passes, s.
+
+    Both have shape (n,).
+    """
     samples = closest_sample_indices(trajectory.positions, run.positions)
     distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
     fraction = np.linspace(0.0, 1.0, 41)[:, None]

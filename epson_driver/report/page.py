@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report as one self-contained HTML file. Its content security policy blocks every request."""
+"""Writes a report as one self-contained HTML file, whose security policy blocks all requests."""
 
 import base64
 import hashlib
@@ -21,29 +21,34 @@ from epson_driver.report.run import FLAGS, Condition, Run
 from epson_driver.robots import RobotModel
 
 MAX_SAMPLES = 15_000
-"""Maximum joint states in a page, for all runs together: 82 s at 182 Hz. Longer runs are
+"""Maximum number of joint states in a page, for all runs together: 82 s at 182 Hz. Longer runs are
 subsampled."""
 
 MAX_EVENTS = 2000
-"""Maximum events in a page. The JSON file has all of them."""
+"""Maximum number of events in a page. The JSON file has all of them."""
 
 MAX_PLAN_POINTS = 4000
+"""Maximum number of points drawn of each plan."""
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#8a8000')
+"""Colours of the joints."""
 
 
 def write_report(runs: Sequence[tuple[Run, Figures]], model: RobotModel, output: Path) -> None:
-    """Write a page and its figures as JSON, and print their paths. Raises OSError."""
+    """Write the page, and the figures as JSON next to it, and print both paths.
+
+    Raises OSError if a file cannot be written.
+    """
     write_file(output, page(runs, model))
-    beside = output.with_suffix('.json')
+    figures = output.with_suffix('.json')
     content = [as_json(run, numbers, run.events, model) for run, numbers in runs]
     result = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
-    write_file(beside, result + '\n')
-    print(f'report: {output}\nfigures: {beside}')
+    write_file(figures, result + '\n')
+    print(f'report: {output}\nfigures: {figures}')
 
 
 def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:
-    """Return the page of one run, or of two side by side, of one kind of robot."""
+    """Return the page of one run, or of two runs side by side, of one robot model."""
     data = {
         'arm': packed_arm(model),
         'model': model.name,
@@ -121,7 +126,7 @@ def _every(times: Array) -> int:
 
 
 def _scaled(values: Array) -> dict[str, Any]:
-    """Return values as 16 bit numbers with one scale for each column."""
+    """Return an array as 16-bit integers, with a scale for each column."""
     largest = np.abs(values).max(axis=0, initial=1e-9)
     return {
         'scale': (largest / 32767.0).tolist(),
@@ -130,7 +135,7 @@ def _scaled(values: Array) -> dict[str, Any]:
 
 
 def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
-    """Return the conditions that differ from their predecessor: time, flags, mode, errors."""
+    """Return time, flags, mode and errors of each condition that differs from the previous one."""
     result: list[list[Any]] = []
     before: object = None
     for condition in conditions:
@@ -149,15 +154,14 @@ def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
 
 
 def _gaps(times: Array) -> list[list[float]]:
-    """Return the intervals between joint states: time and ms since the previous one.
+    """Return the time of each joint state, s, and the interval since the previous one, ms.
 
-    Long runs show the largest in each of MAX_SAMPLES / 5 stretches, so that no important one is
-    omitted.
+    A long run is divided into MAX_SAMPLES / 5 sections, with the longest interval of each.
     """
     if len(times) < 2:
         return []
     gaps = np.diff(times) * 1e3
-    stretch = -(-len(gaps) // (MAX_SAMPLES // 5))
-    starts = np.arange(0, len(gaps), stretch)
-    largest = [start + int(np.argmax(gaps[start : start + stretch])) for start in starts.tolist()]
-    return [[round(float(times[at + 1]), 4), round(float(gaps[at]), 2)] for at in largest]
+    section = -(-len(gaps) // (MAX_SAMPLES // 5))
+    starts = range(0, len(gaps), section)
+    longest = [start + int(np.argmax(gaps[start : start + section])) for start in starts]
+    return [[round(float(times[i + 1]), 4), round(float(gaps[i]), 2)] for i in longest]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded run, independent of its source. Times are s since its beginning."""
+"""Data of a recorded run, from a trace or a bag. Times are s since the start of the recording."""
 
 import itertools
 import statistics
@@ -24,14 +24,15 @@ FLAGS = ('drives_powered', 'e_stopped', 'in_error', 'in_motion', 'motion_possibl
 
 
 class RunError(ValueError):
-    """A file from which no report can be made, with the reason as its text."""
+    """A file from which no report can be made. The text is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """The state reported by the controller at a time: a STATUS, or a RobotStatus.
+    """A status of the controller: a STATUS message of its program, or a RobotStatus of ROS.
 
-    `flags`: in the order of FLAGS. `mode`: -1 (unknown), 1 (manual) or 2 (auto).
+    `flags`: 1, 0 or -1 (unknown), in the order of FLAGS. `mode`: -1 (unknown), 1 (manual) or 2
+    (auto).
     """
 
     time: float
@@ -40,15 +41,15 @@ class Condition:
     error_codes: tuple[int, ...] = ()
 
     def flag(self, name: str) -> int:
-        """Return a flag by name."""
+        """Return the value of a flag in FLAGS."""
         return self.flags[FLAGS.index(name)]
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A trajectory sent to the controller: the time of its first point, and its points.
+    """A trajectory that was sent to the controller. `sent`: when its first point was sent, s.
 
-    times: shape (n,), s from the first point. positions: shape (n, m), rad, m.
+    times: of the points, from the first one, s, shape (n,). positions: shape (n, m), rad or m.
     """
 
     sent: float
@@ -58,7 +59,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event of the run, of the `level` 'info', 'warning' or 'error'."""
+    """An event of the run. `level`: 'info', 'warning' or 'error'."""
 
     time: float
     level: str
@@ -68,7 +69,11 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """All messages of one kind: name, sender ('controller', 'driver', or a topic's), times."""
+    """All messages of one kind.
+
+    From a trace, `sender` is 'controller' or 'driver'. From a bag, `name` is the topic, and
+    `sender` its message type.
+    """
 
     name: str
     sender: str
@@ -77,7 +82,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A request with a reply: when it was sent, the latency of the reply, s, and its kind."""
+    """A request with a reply. `time`: when it was sent, s. `latency`: of the reply, s."""
 
     time: float
     latency: float
@@ -88,9 +93,10 @@ class Reply:
 class Run:
     """One run of one robot.
 
-    began: ns since 1970. times: shape (k,), s, ascending. positions: shape (k, m), rad, m.
-    velocities: the same shape, as measured by the controller, or None. `links`: times when a port
-    was connected or disconnected. `notes`: sentences on the limits of the recording.
+    began: ns since 1970. times: of the joint states, s, ascending, shape (k,). positions: shape
+    (k, m), rad or m. velocities: measured by the controller, shape (k, m), or None. links: time,
+    port, and whether it was connected (else disconnected). notes: sentences on the limits of the
+    recording.
     """
 
     source: str
@@ -109,7 +115,7 @@ class Run:
     links: Sequence[tuple[float, str, bool]] = ()
     notes: Sequence[str] = field(default=())
     ended: float = 0.0
-    """Time of the last entry in the file, s."""
+    """Time of the last message, s."""
 
     def nanoseconds(self, time: float) -> int:
         """Return a time of the run as ns since 1970."""
@@ -117,28 +123,32 @@ class Run:
 
 
 def array(values: Sequence[object], columns: int | None = None) -> Array:
-    """Return numbers as an array of shape (k,) or (k, columns), also for k = 0."""
+    """Return numbers as an array of shape (k,), or of shape (k, columns) even for k = 0."""
     result = np.array(values, dtype=float)
     return result if columns is None else result.reshape(-1, columns)
 
 
 MIN_MESSAGES = 20
-"""Minimum number of messages for an estimate. With fewer, the arrival times are used."""
+"""Minimum number of messages for an estimate of their sending times."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A state message: its arrival time, and the controller's own time stamp, if any, s."""
+    """The arrival of a state message. `time`: s. `joints`: whether it has valid joints.
+
+    `stamp`: the controller's own time stamp, s, or None.
+    """
 
     time: float
     joints: bool
-    told: float | None = None
+    stamp: float | None = None
 
 
 def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
-    """Return the sending times of one connection's messages with joints, ascending, s.
+    """Return the estimated sending times of one connection's messages with joints, s.
 
-    The times are on the receiver's clock and never later than the arrival.
+    The times are ascending, on the receiver's clock, and never later than the arrival. With fewer
+    than MIN_MESSAGES messages they are the arrival times.
     """
     if len(arrivals) < MIN_MESSAGES:
         return [arrival.time for arrival in arrivals if arrival.joints]
@@ -147,12 +157,12 @@ def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
     sent: list[float] = []
     since: list[float] = []
     """The clock's time of each message."""
-    report: float | None = None
+    last: float | None = None
     for item in arrivals:
         passed = None
-        if item.told is not None:
-            passed = item.told - report if report is not None and item.told > report else None
-            report = item.told
+        if item.stamp is not None:
+            passed = item.stamp - last if last is not None and item.stamp > last else None
+            last = item.stamp
         gap = clock.gap
         shift = clock.step(item.time, passed)
         if shift and gap is not None:
@@ -178,13 +188,14 @@ CHANGES = {
     ('e_stopped', NO): ('info', 'E-stop released', ''),
     ('in_error', NO): ('info', 'error cleared', 'call ~/enable when the arm may move again'),
 }
-"""Events for changes of a flag: level, text, remedy. Motion is shown in the curves."""
+"""Level, text and remedy of the event for a flag's new value."""
 
 OTHERWISE = "look up the number in the controller's manual, reset, then ~/enable"
+"""Remedy for an error without a known one."""
 
 
 def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iterator[Event]:
-    """Yield the errors in the first condition, and the changes from each one to the next."""
+    """Yield events for the errors in the first condition, and for each later change."""
     before: Condition | None = None
     for now in conditions:
         for flag, value in CHANGES:

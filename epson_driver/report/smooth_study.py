@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of a smooth motion with alternatives, in figures and as a plot."""
+"""Compares a smooth motion with other motions through the same points, in figures and a plot."""
 
 import io
 from dataclasses import dataclass
@@ -16,26 +16,30 @@ from epson_driver.motion.closest_samples import Figures, measure, passed
 from epson_driver.motion.interpolation import Interpolation, central_differences
 
 SAMPLE_RATE_HZ = 1000.0
-"""Samples per second of point-to-point motion and of the spline."""
+"""Sample rate of the point-to-point motion and of the spline, Hz."""
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
 """Colours of the joints: Okabe and Ito's palette, distinguishable by colour-blind people."""
 
 MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
-"""Upper ends of the axes of velocity, acceleration and jerk, as multiples of the limit."""
+"""Maximum upper ends of the velocity, acceleration and jerk axes, as multiples of the limit."""
 
 MAX_SHARED_TIME_RATIO = 3.0
-"""Motions share one time axis if the longest takes at most this many times the shortest."""
+"""Maximum ratio of the longest to the shortest duration for a common time scale."""
 
 
 def per_unit(limits: JointLimits, per: str = '') -> str:
-    """Return the units of the joints for the axis of a plot: 'rad/s', or 'rad/s, m/s'."""
+    """Return the units of the joints followed by `per`, such as 'rad/s' or 'rad/s, m/s'."""
     return ', '.join(f'{unit}{per}' for unit in dict.fromkeys(limits.units))
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A sampled motion through the points of a plan, and its passage times, s, shape (n,)."""
+    """A sampled motion through the points of a plan, drawn as a column of the plot.
+
+    `passed`: times at which it passes the points, s, shape (n,). `waypoint_error`: the largest
+    distance of a joint from a point, rad or m.
+    """
 
     title: str
     motion: Trajectory
@@ -46,7 +50,10 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class SmoothingComparison:
-    """A plan, and motions through its points, the smooth one last."""
+    """A plan, and motions through its points. The last column is the smooth motion.
+
+    `timed`: whether the plan has times.
+    """
 
     plan: Trajectory
     limits: JointLimits
@@ -61,47 +68,51 @@ def column(
     plan: Trajectory | None = None,
     command: Trajectory | None = None,
 ) -> Column:
-    """Return a motion with its figures.
+    """Return the column of a motion, with its figures.
 
-    The passage times at the plan's points are computed unless given. `command`: the plan, if its
-    times count.
+    motion: with the times at which it passes the points, s, shape (n,), or without. They are
+    computed from `plan` then. command: the plan, if the motion has to keep its times. Raises
+    ValueError without both plan and times.
     """
     if isinstance(motion, tuple):
-        sampled, at = motion
-        return Column(title, sampled, measure(sampled, command, limits), at, 0.0)
+        sampled, times = motion
+        return Column(title, sampled, measure(sampled, command, limits), times, 0.0)
     if plan is None:
-        raise ValueError('needs the plan or the passages')
-    errors, at = passed(plan.positions, motion)
-    return Column(title, motion, measure(motion, command, limits), at, float(errors.max()))
+        raise ValueError('needs the plan, or the times at its points')
+    errors, times = passed(plan.positions, motion)
+    return Column(title, motion, measure(motion, command, limits), times, float(errors.max()))
 
 
 def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, Array]:
-    """Return the motion that rests at every point, at full speed, and its times at them, s."""
+    """Return the motion at full speed that rests at every point of a plan.
+
+    Also returns the times at which it reaches the points, s, shape (n,).
+    """
     moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
-    at = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
-    times = np.arange(0.0, at[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
-    index = np.clip(np.searchsorted(at, times, 'right') - 1, 0, max(len(moves) - 1, 0))
+    reached = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
+    times = np.arange(0.0, reached[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
+    index = np.clip(np.searchsorted(reached, times, 'right') - 1, 0, max(len(moves) - 1, 0))
     if moves:
-        states = [
-            moves[i].at(time) for i, time in zip(index, (times - at[index]).tolist(), strict=True)
-        ]
+        since = (times - reached[index]).tolist()
+        states = [moves[i].at(time) for i, time in zip(index, since, strict=True)]
     else:
         states = [(plan.positions[0], *np.zeros((2, len(limits.names))))] * len(times)
     position, velocity, acceleration = (np.array(part) for part in zip(*states, strict=True))
-    return Trajectory(plan.joint_names, times, position, velocity, acceleration), at
+    return Trajectory(plan.joint_names, times, position, velocity, acceleration), reached
 
 
 def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
-    """Return the motion of ros2_control's joint_trajectory_controller, and the plan's times, s.
+    """Return the motion of ros2_control's joint_trajectory_controller for a plan.
 
-    It is a polynomial in time per segment that keeps the plan's times regardless of the limits:
-    quintic if the plan has accelerations, else cubic. Missing velocities are central differences.
-    The arm rests before and after, whatever the acceleration of the first and the last point.
+    Also returns the times of the points, s, shape (n,), from the first one. The motion is a
+    polynomial in time for each segment: quintic if the plan has accelerations, else cubic. It
+    keeps the plan's times even if they exceed the limits. Missing velocities are central
+    differences. The first and the last acceleration are set to 0.
     """
     t, q = plan.times - plan.times[0], plan.positions
     if len(t) == 1:
-        still = np.zeros((2, *q.shape))
-        return Trajectory(plan.joint_names, t, q, still[0], still[1]), t
+        zero = np.zeros_like(q)
+        return Trajectory(plan.joint_names, t, q, zero, zero), t
     v = central_differences(t, q) if plan.velocities is None else plan.velocities
     times = np.arange(0.0, t[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
     within = np.minimum(times, t[-1])
@@ -111,7 +122,7 @@ def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
 
 
 def draw(path: Path, study: SmoothingComparison) -> None:
-    """Write the plot: position, velocity, acceleration and jerk in a column per motion."""
+    """Write the plot: position, velocity, acceleration and jerk, with a column per motion."""
     import matplotlib as mpl
 
     mpl.use('Agg')
@@ -151,7 +162,10 @@ def draw(path: Path, study: SmoothingComparison) -> None:
 
 
 def save_picture(path: Path, figure: Any) -> None:
-    """Write a figure in the format of the path's suffix, and close it. Raises OSError."""
+    """Write a figure in the format of the path's suffix, and close it.
+
+    Raises OSError if the file cannot be written.
+    """
     from matplotlib import pyplot as plt
 
     content = io.BytesIO()
@@ -161,7 +175,7 @@ def save_picture(path: Path, figure: Any) -> None:
 
 
 def _shown(study: SmoothingComparison) -> list[float]:
-    """Return the ends of the velocity, acceleration and jerk axes, as multiples of the limits."""
+    """Return the upper ends of the velocity, acceleration and jerk axes, per limit."""
     figures = [item.figures for item in study.columns]
     worst = np.max(
         [(figure.velocity, figure.acceleration, figure.jerk) for figure in figures], axis=0
@@ -190,10 +204,10 @@ def _draw_column(axes: Any, drawn: Column, study: SmoothingComparison) -> None:
         axes[0].plot(
             at_points, study.plan.positions[:, joint], 'o', color=colour, markersize=marker
         )
-    for part, (at, values, worst), shown in zip(axes[1:], rows, MAX_AXIS_RATIOS, strict=True):
+    for part, (t, values, worst), shown in zip(axes[1:], rows, MAX_AXIS_RATIOS, strict=True):
         part.axhspan(-1.0, 1.0, color='#009E73', alpha=0.10, linewidth=0)
         for joint in range(values.shape[1]):
-            part.plot(at, values[:, joint], color=COLOURS[joint % len(COLOURS)], linewidth=1.1)
+            part.plot(t, values[:, joint], color=COLOURS[joint % len(COLOURS)], linewidth=1.1)
         over = worst > 1.02
         part.text(
             0.98,

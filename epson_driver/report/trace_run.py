@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a run from the driver's own trace (docs/report.md), or from a capture of tcpdump."""
+"""Reads a run from a trace of the driver (docs/report.md), or from a capture of tcpdump."""
 
 import math
 from collections import defaultdict
@@ -54,13 +54,15 @@ from epson_driver.trace.pcap import PcapError
 from epson_driver.trace.recording import DamagedError, read_recording
 
 SILENCE_S = 0.3
-"""Gap between joint states above which an event is added while the state port is connected, s."""
+"""Maximum interval between joint states on a connected state port, s. Longer ones are events."""
 
 LINK_LOST = (
     'check cable, network and controller. The driver reconnects automatically, then ~/enable'
 )
 NO_FRAME = 'check the port for other users, and the network for devices that alter data'
-CANNOT_BE = 'check robot model and units (--robot), the encoder, and the network for altered data'
+IMPLAUSIBLE = (
+    'check robot model and units (--robot), the encoder, and the network for altered data'
+)
 NO_REPLY = 'check the program on the controller: it may be stuck or have ended'
 
 COMMANDS = {
@@ -69,16 +71,17 @@ COMMANDS = {
     Command.STOP_SERVOS: ('info', 'motors off requested'),
     Command.RESET_ALARM: ('info', 'reset requested'),
 }
+"""Levels and texts of the events for commands."""
 
 
 def read_trace(
     path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
 ) -> Run:
-    """Return the run in a pcap file up to the end of the file, or up to its damage.
+    """Return the run in a pcap file. If the file is damaged, the run ends there.
 
-    limits: limits of the robot's joints. Their names are used, as the wire has numbers only, and
-    joint states faster than possible are omitted, with an event. controller: its address, needed
-    if the file has several. Raises RunError, or InputError if the file cannot be read.
+    limits: the limits and the names of the robot's joints. Joint states faster than the limits
+    permit are omitted, with an event. controller: the address of the controller, needed if the
+    file has several. Raises RunError if the file contains no run, InputError if it is unreadable.
     """
     damage: list[str] = []
     try:
@@ -100,7 +103,7 @@ def read_trace(
 
 
 class _Reader:
-    """Collects a run, entry by entry."""
+    """Collects a run from the entries of a trace."""
 
     def __init__(self, limits: JointLimits, role_of: dict[int, str]) -> None:
         self._joints = joints = len(limits.names)
@@ -167,8 +170,10 @@ class _Reader:
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
             measured = message.valid_fields & ValidFields.VELOCITY
             timed = message.valid_fields & ValidFields.TIME
-            kept = self._state(time, message.positions, message.velocities if measured else ())
-            arrivals.append(Arrival(time, joints=kept, told=message.time if timed else None))
+            velocities = message.velocities if measured else ()
+            joints = self._state(time, message.positions, velocities)
+            stamp = message.time if timed else None
+            arrivals.append(Arrival(time, joints=joints, stamp=stamp))
         elif isinstance(message, Status):
             arrivals.append(Arrival(time, joints=False))
             codes = (message.error_code,) if message.error_code else ()
@@ -185,7 +190,7 @@ class _Reader:
     def _state(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> bool:
-        """Process joints and return whether they are plausible."""
+        """Store a joint state if it is plausible, and return whether it is."""
         since = self._silent_since
         if since is not None and time - since > SILENCE_S:
             text = f'no joint state for {time - since:.2f} s'
@@ -196,11 +201,11 @@ class _Reader:
         if why is not None:
             if not self._doubtful:
                 text = f'implausible joint states: {why}'
-                self._events.append(Event(time, 'warning', text, CANNOT_BE))
+                self._events.append(Event(time, 'warning', text, IMPLAUSIBLE))
             self._doubtful = True
             return False
         self._doubtful = False
-        if self.times and time <= self.times[-1]:  # several in one piece: as if 1 µs apart
+        if self.times and time <= self.times[-1]:  # several arrived together: make them ascend
             time = self.times[-1] + 1e-6
         self.times.append(time)
         self._positions.append(positions[: self._joints])
@@ -210,7 +215,7 @@ class _Reader:
     def _why_not(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> str | None:
-        """Return why the joint positions are implausible, whatever their signs, or None."""
+        """Return why a joint state is implausible, or None. Signs of joints are unknown here."""
         here = positions[: self._joints]
         if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
             return 'values are not finite'
@@ -273,7 +278,7 @@ class _Reader:
         self._events.append(Event(entry.time, level, text, remedy))
 
     def run(self, source: str, began: int, joint_names: tuple[str, ...], texts: ErrorTexts) -> Run:
-        """Return the collected run."""
+        """Return the collected run, after the last entry."""
         sent = [time for arrival in self._arrivals.values() for time in sent_times(arrival)]
         measured = all(len(row) == self._joints for row in self._velocities)
         for pending in self._pending.values():
@@ -310,7 +315,7 @@ class _Reader:
 
 
 class _Plans:
-    """Assembles trajectories from the points sent."""
+    """Assembles plans from the points that the driver sent."""
 
     def __init__(self, joints: int) -> None:
         self._joints = joints
@@ -321,7 +326,7 @@ class _Plans:
         self._points: list[tuple[float, ...]] = []
 
     def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Process a point and return whether it is the first of a trajectory."""
+        """Add a point, and return whether it is the first of a new plan."""
         if point.sequence < 0 or (point.sequence == self._last and point.sequence):
             return False  # a special sequence, or a repeated point
         if isinstance(point, JointTrajPtFull):
@@ -345,12 +350,12 @@ class _Plans:
         return first
 
     def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Return whether it repeats the first point, which is sent twice to a busy controller."""
+        """Return whether a point repeats the first one, which a busy controller gets again."""
         positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 
     def end(self) -> None:
-        """End the current trajectory, if any."""
+        """End the current plan, if any."""
         if self._points:
             times = array(self._times)
             latest = np.maximum.accumulate(times)
@@ -360,7 +365,7 @@ class _Plans:
         self._times, self._points, self._last = [], [], -1
 
     def finished(self) -> list[Plan]:
-        """Return all trajectories, ending the last one."""
+        """End the current plan, and return all plans."""
         self.end()
         return self._done
 

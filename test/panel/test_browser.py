@@ -294,6 +294,7 @@ def test_jog_ends_when_the_button_is_released_or_focus_is_lost(page: Page, cell:
 def test_step_button_moves_once_by_the_chosen_step(page: Page, cell: Cell) -> None:
     import numpy as np
 
+    cell.peer.enable()
     page.armed()
     page.page.get_by_label('Each press moves').select_option('1')
     start = cell.peer.wait_until_still()
@@ -313,6 +314,7 @@ def test_step_button_moves_once_by_the_chosen_step(page: Page, cell: Cell) -> No
 def test_point_is_taught_saved_and_approached(page: Page, cell: Cell) -> None:
     import numpy as np
 
+    cell.peer.enable()
     page.armed()
     page.page.get_by_label('Each press moves').select_option('1')
     page.page.get_by_text('World', exact=True).click()

@@ -204,7 +204,7 @@ def test_line_logged_by_driver_and_panel_is_shown_once() -> None:
     result.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))
     result.add_event(Event(10.5, 20, 'enable: the arm is enabled'))
     result.add_event(Event(14.0, 20, '~/enable: the arm is enabled'))
-    assert [event.at for event in result.events] == [10.0, 14.0]
+    assert [event.time for event in result.events] == [10.0, 14.0]
 
 
 def test_paused_simulated_controller_has_a_remedy() -> None:

@@ -113,23 +113,23 @@ def test_model_is_loaded_once_for_any_spelling(
     name: str, robot: Robot, control: RobotControl
 ) -> None:
     robot.parameters['robot_model'] = name
-    control.look()
+    control.update()
     model = control.model
     assert model is not None
-    control.look()
+    control.update()
     assert control.model is model
 
 
 def test_missing_model_is_logged_once_and_not_shown(robot: Robot, control: RobotControl) -> None:
-    control.look()
+    control.update()
     robot.parameters['robot_model'] = '/no/such/file.yaml'
     for _ in range(3):
-        control.look()
+        control.update()
     assert control.model is None
     (message,) = robot.logged
     assert '/no/such/file.yaml' in message
     robot.parameters['robot_model'] = 'c3_a601s'
-    control.look()
+    control.update()
     assert control.model is not None
 
 
@@ -137,7 +137,7 @@ def test_distance_of_a_scara_shaft_from_the_start_is_in_mm(
     robot: Robot, control: RobotControl
 ) -> None:
     robot.parameters['robot_model'] = 'gx8_c652s'
-    control.look()
+    control.update()
     robot.state.positions = np.array([0.5, 0.5, -0.1, 0.0])
     names = tuple(f'joint_{number}' for number in range(1, 5))
     robot.state.joint_names = names
@@ -163,7 +163,7 @@ def test_arming_requires_parameters_newer_than_the_joint_states(
     control.arming.arm(1)
     assert control.arming.holder == 1
     robot.state.times['first joints'] = NOW
-    control.look()
+    control.update()
     assert control.arming.holder is None
 
 
@@ -174,7 +174,7 @@ def test_robot_with_outdated_state_cannot_be_armed(
 ) -> None:
     control.arming.arm(1)
     robot.state.times[silent] -= MAX_AGES_S[silent] + 0.01
-    control.look()
+    control.update()
     assert control.arming.holder is None
     with pytest.raises(NotArmedError, match='needs a visible robot'):
         control.arming.arm(1)
@@ -187,7 +187,7 @@ def test_robot_not_known_to_be_simulated_requires_allow_motion(
     careful = controlled(robot, pendants, allow_motion=False)
     with pytest.raises(NotArmedError, match='--allow-motion'):
         careful.arming.arm(1)
-    careful.look()
+    careful.update()
     robot.state.simulation = SIMULATED
     robot.state.times.setdefault('simulation', NOW)
     usual = dict(robot.parameters)
@@ -217,10 +217,10 @@ def test_unanswered_stop_is_an_alarm_until_the_answer(
         allow_motion=True,
     )
     control.stop()
-    control.look()
+    control.update()
     assert control.stop_alarm == ''
     now += STOP_ANSWER_S + 0.01
-    control.look()
+    control.update()
     assert control.stop_alarm == (
         'STOP was not delivered: no reply from the driver within 0.5 s. Press the E-stop.'
     )
@@ -276,7 +276,7 @@ def test_trajectory_with_other_number_of_joints_is_refused(
     control.arming.arm(1)
     with pytest.raises(RequestError, match='the robot model is unknown'):
         control.go_to_start(1, 'short', SHORT)
-    control.look()
+    control.update()
     robot.state.joint_names = tuple(f'joint_{number}' for number in range(1, 7))
     for ask in (control.execute, control.go_to_start):
         with pytest.raises(RequestError, match='has 2 joints, but the robot 6'):

@@ -90,7 +90,7 @@ class ViewAndRequests:
         self.view = RobotView(self.control, {'way': TRAJECTORY}, 'left')
         self.control.arming.connect(BROWSER)
         self.control.arming.alive(BROWSER)
-        self.view.look(NOW)
+        self.view.update(NOW)
         self.table = Requests({'way': TRAJECTORY}).table
 
     def fail(self, what: str, error: BaseException) -> None:
@@ -115,17 +115,17 @@ def shown() -> Iterator[ViewAndRequests]:
 
 def test_path_of_a_foreign_goal_is_drawn_during_motion(shown: ViewAndRequests) -> None:
     shown.control.plan = TRAJECTORY
-    shown.view.look(NOW)
+    shown.view.update(NOW)
     own = shown.part('plan')
     ends = [Kinematics(MODEL).forward(joints)[:3, 3] for joints in TRAJECTORY.positions]
     assert_allclose([own['points'][0], own['points'][-1]], ends, atol=1e-4)
-    shown.view.look(NOW + 10.0)  # nothing is executed any more
+    shown.view.update(NOW + 10.0)  # nothing is executed any more
     shown.robot.state.times['joints'] = shown.robot.state.times['reference'] = NOW + 20.0
     shown.robot.state.reference = np.full(6, 0.1)
-    shown.view.look(NOW + 20.0)
+    shown.view.update(NOW + 20.0)
     theirs = shown.part('plan', NOW + 20.0)
     assert theirs['points'] is None
-    assert theirs['way'] != own['way']
+    assert theirs['number'] != own['number']
     assert shown.part('pose', NOW + 20.0)['plan'] == [0.1] * 6
 
 
@@ -145,7 +145,7 @@ def test_unknown_model_is_not_drawn(shown: ViewAndRequests) -> None:
     assert shown.part('arm')['units'] == ['°'] * 6
     assert shown.part('pose')['joints'] == [0.0] * 6
     shown.robot.parameters['robot_model'] = '/no/such/file.yaml'
-    shown.view.look(NOW)
+    shown.view.update(NOW)
     assert shown.part('arm') is None
     assert shown.part('pose') is None
 
@@ -155,7 +155,7 @@ def test_outdated_joints_are_marked_and_not_in_the_curves(shown: ViewAndRequests
     assert shown.part('pose')['fresh']
     later = NOW + MAX_AGES_S['joints'] + 0.1
     rows = json.loads(shown.view.history())
-    shown.view.look(later)
+    shown.view.update(later)
     assert not shown.part('pose', later)['fresh']
     assert json.loads(shown.view.history()) == rows
 

@@ -351,7 +351,7 @@ def test_lost_driver_is_forgotten_and_discovered_again(
     def look(now: float, there: bool) -> None:
         until = time.monotonic() + PATIENCE
         while True:
-            discovery.look_around(now)
+            discovery.discover(now)
             robot = discovery.robots.get('/left/epson_driver')
             if (robot is not None and robot._get_parameters.service_is_ready()) == there:
                 return

@@ -50,9 +50,9 @@ class JogRig:
             self._stranger.publish(self._message)
         self.ros.sample(now)
         self.ros.sample_slow(now)
-        self.ros.look_around(now)
+        self.ros.discover(now)
         self.control.arming.alive(BROWSER)
-        self.control.look()
+        self.control.update()
         time.sleep(0.02)
 
     def wait(self, what: Callable[[], Any], meaning: str) -> Any:

@@ -46,7 +46,7 @@ PANEL_TIMEOUTS: dict[str, dict[str, object]] = {
     'epson_driver.panel.arming': {'ALIVE_WITHIN_S': 8.0},
     'epson_driver.panel.robot_control': {'STOP_ANSWER_S': LONG},
     'epson_driver.panel.sim_pendant': {'ANSWER_TIMEOUT_S': LONG},
-    'epson_driver.panel.ros_discovery': {'GOAL_PATIENCE_S': 8.0},
+    'epson_driver.panel.ros_discovery': {'GOAL_TIMEOUT_S': 8.0},
 }
 
 

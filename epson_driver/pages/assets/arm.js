@@ -1,14 +1,14 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// How the pages of report and panel draw arms with three.js (`lib` of bundle.js).
+// Draws arms with three.js (`lib` of bundle.js), for the pages of report and panel.
 const drawing = (() => {
   'use strict';
   const CREASE = Math.cos(35 * Math.PI / 180);
-  const APART = 0.05; // rad or m: a link of the plan is drawn where a joint before it is further from the measured one
+  const APART = 0.05; // rad or m: the ghost shows a link if a joint before it deviates by more from the measured position
 
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
-  /** A mesh whose facets are smooth where they meet at less than CREASE. */
+  /** Return the geometry of a mesh, with smooth shading over edges that bend by less than 35°. */
   function geometryOf(mesh) {
     const corners = new Uint16Array(bytes(mesh.vertices));
     const index = new Uint16Array(bytes(mesh.triangles));
@@ -44,7 +44,7 @@ const drawing = (() => {
     return made;
   }
 
-  /** A function that makes arms of one model, as packed_arm has it. */
+  /** Return a function that creates drawings of one arm. `arm`: the data of `packed_arm`. */
   function armsOf(arm) {
     const geometries = arm.meshes.map(geometryOf);
     const axes = arm.axes.map((axis) => new lib.Vector3(...axis));
@@ -65,7 +65,7 @@ const drawing = (() => {
         const made = new lib.Mesh(geometries[i], new lib.MeshStandardMaterial({
           color: colour, roughness: 0.55, metalness: 0.05, side: lib.DoubleSide,
           transparent: opacity < 1, opacity, depthWrite: opacity === 1,
-          polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 8, // where both arms are in one place, the solid one is seen
+          polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 8, // the solid arm hides the ghost at the same place
         }));
         made.castShadow = made.receiveShadow = opacity === 1;
         links[mesh.link].add(made);
@@ -81,20 +81,20 @@ const drawing = (() => {
             else link.quaternion.setFromAxisAngle(axes[j], value);
           });
         },
-        /** Show only the links that are elsewhere than those of an arm with joints `other`; none without. */
+        /** Show only the links that are elsewhere than with the joints `other`. Without q or other, show none. */
         showWhereApart(q, other) {
           const first = q && other ? q.findIndex((value, j) => Math.abs(value - other[j]) > APART) : -1;
           base.visible = first >= 0;
           arm.meshes.forEach((mesh, i) => { meshes[i].visible = mesh.link > first; });
         },
-        /** Take the colours away, or give them back. */
+        /** Draw the arm in grey if its position is stale, else in its colours. */
         grey(stale) {
           arm.meshes.forEach((mesh, i) => {
             if (stale) meshes[i].material.color.set(0x9aa3ab);
             else meshes[i].material.color.setRGB(...mesh.colour, 'srgb');
           });
         },
-        /** Where tool0 is. */
+        /** Return the position of tool0. */
         tool() {
           base.updateWorldMatrix(true, true);
           return tool.getWorldPosition(new lib.Vector3());
@@ -103,9 +103,9 @@ const drawing = (() => {
     };
   }
 
-  /** A lit floor in a canvas that fills `holder`. Raises an error where there is no WebGL. */
+  /** Create a lit floor in a canvas that fills `holder`. Throws an error without WebGL. */
   function stage(canvas, holder) {
-    const renderer = new lib.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true }); // for paper
+    const renderer = new lib.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true }); // the buffer is needed for printing
     renderer.shadowMap.enabled = true;
     renderer.shadowMap.type = lib.PCFShadowMap;
     const scene = new lib.Scene();
@@ -159,7 +159,7 @@ const drawing = (() => {
     return {
       scene,
       soon,
-      /** Look at an arm that reaches so far, m. */
+      /** Point the camera at an arm with a reach of `size` m. */
       lookAt(size) {
         camera.position.set(1.6 * size + 0.14, -1.6 * size - 0.14, 1.05 * size + 0.22);
         controls.target.set(0.14 * size, 0, 0.53 * size);

@@ -1,9 +1,9 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// The curves of the last seconds, with uPlot (`lib` of bundle.js): legend, values and units.
+// The curves of the last 20 s, drawn with uPlot (`lib` of bundle.js).
 
 export const COLOURS = ['#1971c2', '#e8590c', '#2f9e44', '#ae4fcb', '#e03131', '#0c8599', '#c77700', '#7a8591'];
-const SPAN_S = 20, LEAST = 0.1;
+const SPAN_S = 20, MIN_RANGE = 0.1;
 const QUANTITIES = [['Position', ''], ['Velocity', '/s'], ['Plan − measured', '']];
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -52,7 +52,7 @@ export class Curves {
       this.holder.append(box);
       this.plots.push(new lib.uPlot({
         width: this.width(), height: this.height(),
-        scales: { x: { time: false, range: [-SPAN_S, 0] }, y: { range: (_, low, high) => [Math.min(low ?? 0, -LEAST) * 1.05, Math.max(high ?? 0, LEAST) * 1.05] } },
+        scales: { x: { time: false, range: [-SPAN_S, 0] }, y: { range: (_, low, high) => [Math.min(low ?? 0, -MIN_RANGE) * 1.05, Math.max(high ?? 0, MIN_RANGE) * 1.05] } },
         axes: [{ ...axis, values: (_, ticks) => ticks.map((t) => (t ? `${t} s` : 'now')) }, { ...axis, size: 44, space: 18 }],
         cursor: { drag: { x: false, y: false } },
         series: [{}, ...this.names.map((name, j) => ({ label: name, stroke: COLOURS[j % COLOURS.length], width: 1.5, spanGaps: false,

@@ -1,7 +1,7 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// Moving by hand: hold a button to move, or one step for each press. The panel is asked again and again while a button is
-// held; whatever ends that (a finger, a hidden or frozen page, a cut line) ends the motion.
+// Jogging: the arm moves while a button is pressed, or by one step per press. While a button is pressed, requests are sent
+// periodically. The motion ends when they end, also if the page is hidden or frozen or its connection is cut.
 
 const PERIOD_MS = 25;
 const STEPS = [0.1, 1, 5, 10];
@@ -11,7 +11,7 @@ const FRAME_OF = { joints: 'world', world: 'world', tool: 'tool' };
 const $ = (id) => document.getElementById(id);
 
 export class Hand {
-  /** `send(request)`; `value(axis)` is what is shown beside an axis. */
+  /** `send(request)` sends a request to the panel. */
   constructor(send) {
     this.send = send;
     this.timer = null;
@@ -28,7 +28,7 @@ export class Hand {
     return document.querySelector('[name=frame]:checked').value;
   }
 
-  /** joints: names and units; toolAxes: X, Y, …, as far as the arm has them. */
+  /** Set names and units of the joints, and the tool axes that the arm can move. */
   setArm(joints, units, toolAxes) {
     const key = JSON.stringify([joints, units, toolAxes]);
     if (key === this.key) return;
@@ -108,7 +108,7 @@ export class Hand {
     for (const each of document.querySelectorAll('#axes button')) each.disabled = !armed;
   }
 
-  /** Show where the axes are: joints as shown, and the tool's X Y Z U V W. */
+  /** Show the values of the axes. joints: texts. tool: X Y Z U V W. */
   show(joints, tool) {
     for (const [axis, label] of this.labels) {
       const place = 'XYZUVW'.indexOf(axis);

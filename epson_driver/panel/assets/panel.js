@@ -1,7 +1,7 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// The page of the panel: it draws the parts that come over the websocket (window.py), and sends what a person asks for
-// (requests.py). Texts are set as text only: what a robot sends is never taken for a page.
+// The page of the panel: draws the parts that arrive over the websocket (window.py), and sends the user's requests
+// (requests.py). Texts of robots are never interpreted as HTML.
 import { COLOURS, Curves } from './curves.js';
 import { Hand } from './hand.js';
 import { Points } from './points.js';
@@ -16,12 +16,12 @@ const $ = (id) => document.getElementById(id);
 const element = (tag, text = '', className = '') => Object.assign(document.createElement(tag), { textContent: text, className });
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 
-const NOBODY = { colour: 'unknown', reason: 'no driver found', remedy: 'start one in the ROS domain of the panel (ROS_DOMAIN_ID)' };
+const NO_DRIVER = { colour: 'unknown', reason: 'no driver found', remedy: 'start one in the ROS domain of the panel (ROS_DOMAIN_ID)' };
 
-let unheard = false; // a STOP that no robot was there for
-let socket = null, chosen = '', heard = -Infinity, stopAt = null, controls = {}, arm = null, way = 0;
+let undelivered = false; // STOP was pressed without a robot
+let socket = null, chosen = '', received = -Infinity, stopAt = null, controls = {}, arm = null, path = 0;
 
-/** Send a request, and return when, s. */
+/** Send a request, and return the time, s. */
 const send = (request) => {
   const at = performance.now() / 1e3;
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ robot: chosen, at, ...request }));
@@ -52,8 +52,8 @@ const parts = {
     say('view-name', now ? name : '');
     say('now', now ? `${SIGNS[now.colour]} ${now.reason}` : '');
     $('now').dataset.colour = now ? now.colour : '';
-    if (!now) parts.advice(NOBODY);
-    else if (unheard) parts.alarms([]);
+    if (!now) parts.advice(NO_DRIVER);
+    else if (undelivered) parts.alarms([]);
     document.title = now ? `${SIGNS[now.colour]} ${name}: ${now.reason} · epson_driver panel` : 'epson_driver panel';
     $('stop-one').hidden = robots.length < 2;
     $('stop').firstElementChild.textContent = robots.length < 2 ? 'STOP' : 'STOP ALL';
@@ -71,22 +71,22 @@ const parts = {
   },
   stopped(at) { if (at === stopAt) stopAt = null; },
   alarms(alarms) {
-    unheard = false;
+    undelivered = false;
     $('alarm').hidden = !alarms.length;
     say('alarm', alarms.join(' '));
   },
-  arm(found) {
-    arm = found;
-    say('model', found ? `${found.model}: ${found.description}` : '');
-    if (view) view.setArm(found && found.packed, found && found.size);
-    points.setBase(found && found.base);
-    way = 0;
+  arm(next) {
+    arm = next;
+    say('model', next ? `${next.model}: ${next.description}` : '');
+    if (view) view.setArm(next && next.packed, next && next.size);
+    points.setBase(next && next.base);
+    path = 0;
     describe();
   },
   taught(taught) { points.setTaught(taught); },
   plan(plan) {
-    if (view && plan && plan.way !== way) {
-      way = plan.way;
+    if (view && plan && plan.number !== path) {
+      path = plan.number;
       view.setPlan(plan.points);
     }
   },
@@ -208,21 +208,21 @@ const parts = {
   },
 };
 
-/** Have a list show items: elements are kept as long as their item is there, so that texts in them can be selected. */
+/** Show items as the children of a list. The element of an item is kept, so that its text can be selected. */
 function keyed(list, items, key, make, update = () => {}) {
-  const had = new Map([...list.children].map((each) => [each.dataset.key, each]));
-  const wanted = items.map((item, i) => {
+  const old = new Map([...list.children].map((child) => [child.dataset.key, child]));
+  const children = items.map((item, i) => {
     const name = key(item, i);
-    const made = had.get(name) || make(item, i);
+    const made = old.get(name) || make(item, i);
     made.dataset.key = name;
     update(made, item, i);
     return made;
   });
-  for (const each of [...list.children]) if (!wanted.includes(each)) each.remove();
-  wanted.forEach((each, i) => { if (list.children[i] !== each) list.insertBefore(each, list.children[i] || null); });
+  for (const child of [...list.children]) if (!children.includes(child)) child.remove();
+  children.forEach((child, i) => { if (list.children[i] !== child) list.insertBefore(child, list.children[i] || null); });
 }
 
-/** Tell curves and hand what joints there are, once both parts are known. */
+/** Set the joints of curves and buttons, once both parts with their names and units are known. */
 function describe() {
   const names = controls.joints;
   if (!arm || !names || names.length !== arm.units.length) return;
@@ -266,7 +266,7 @@ function note(text) {
   while ($('notes').children.length > 4) $('notes').firstElementChild.remove();
 }
 
-// --- the line --------------------------------------------------------------------------------------
+// --- the connection --------------------------------------------------------------------------------
 
 function connect() {
   const made = new WebSocket(`ws://${location.host}/`);
@@ -276,16 +276,16 @@ function connect() {
     alive();
   });
   made.addEventListener('message', ({ data }) => {
-    heard = performance.now();
-    const found = JSON.parse(data);
-    for (const key of ['robots', 'stopped', 'alarms', 'notes', 'pendant']) if (key in found) parts[key](found[key]);
-    if (found.robot !== chosen) return;
+    received = performance.now();
+    const message = JSON.parse(data);
+    for (const key of ['robots', 'stopped', 'alarms', 'notes', 'pendant']) if (key in message) parts[key](message[key]);
+    if (message.robot !== chosen) return;
     for (const key of ['arm', 'controls', 'plan', 'lamps', 'advice', 'ages', 'log', 'io', 'taught', 'history', 'pose', 'row']) {
-      if (key in found) parts[key](found[key]);
+      if (key in message) parts[key](message[key]);
     }
   });
   made.addEventListener('close', () => {
-    heard = -Infinity;
+    received = -Infinity;
     setTimeout(connect, AGAIN_MS);
   });
 }
@@ -294,21 +294,21 @@ const alive = () => { if (!document.hidden) send({ do: 'alive' }); };
 setInterval(alive, ALIVE_MS);
 
 setInterval(() => {
-  const now = performance.now(), gone = now - heard > SILENT_MS, lost = stopAt !== null && (gone || now - 1e3 * stopAt > ANSWER_MS);
+  const now = performance.now(), gone = now - received > SILENT_MS, lost = stopAt !== null && (gone || now - 1e3 * stopAt > ANSWER_MS);
   document.body.classList.toggle('gone', gone || lost);
   say('silence-text', lost ? 'STOP was not delivered: no reply from the panel. Press the E-stop.'
     : gone ? 'No connection to the panel: the display may be wrong, and STOP does not work. Press the E-stop.' : '');
   if (gone) hand.end();
 }, 100);
 
-// --- what a person does ----------------------------------------------------------------------------
+// --- buttons and keys ------------------------------------------------------------------------------
 
 const stop = (word) => {
   hand.end();
   stopAt = send({ do: word });
   if (chosen) return;
   parts.alarms(['STOP was not delivered: no driver found. Press the E-stop.']);
-  unheard = true;
+  undelivered = true;
 };
 $('stop').addEventListener('click', () => stop('stop'));
 addEventListener('keydown', (event) => { if (event.key === 'Escape') stop('stop'); }, true);

@@ -1,10 +1,10 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// Taught points: kept in this browser for each robot, saved as the YAML file that the Python API's robot.points reads:
+// Taught points, stored in this browser per robot. Save writes the YAML file that the Python API's robot.points reads:
 //   pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 
 const FIELDS = ['x', 'y', 'z', 'u', 'v', 'w'];
-const MOST = 200;
+const MAX_POINTS = 200;
 const NAME = /^(?!p\d+$)[a-z_]\w{0,31}$/i;
 const LINE = /^([A-Za-z_]\w*)\s*:\s*\{([^{}]*)\}\s*(?:#.*)?$/;
 
@@ -59,8 +59,8 @@ export class Points {
   }
 
   draw() {
-    const own = Object.entries(this.points), theirs = Object.entries(this.taught);
-    $('points').replaceChildren(...[...own, ...theirs].map(([name, point], k) => {
+    const own = Object.entries(this.points), ofDriver = Object.entries(this.taught);
+    $('points').replaceChildren(...[...own, ...ofDriver].map(([name, point], k) => {
       const made = document.createElement('li');
       const label = document.createElement('b');
       const numbers = document.createElement('small');
@@ -89,20 +89,20 @@ export class Points {
     this.enable(this.armed);
   }
 
-  /** Show the points that were taught to the driver, [x, y, z, u, v, w] by name. */
+  /** Set the driver's taught points, [x, y, z, u, v, w] by name. */
   setTaught(taught) {
     this.taught = Object.fromEntries(Object.entries(taught).map(([name, values]) =>
       [name, Object.fromEntries(FIELDS.map((field, k) => [field, values[k]]))]));
     this.draw();
   }
 
-  /** Take the pose of EPSON's world in base_link, three rows, in m. */
+  /** Set the pose of EPSON's world in base_link: the upper three rows of its matrix, m. */
   setBase(base) {
     this.base = base;
     this.mark();
   }
 
-  /** Draw all as markers in the view, one of them as the chosen one. */
+  /** Draw all points as markers in the view. The marker of `chosen` is larger. */
   mark(chosen) {
     if (!this.view) return;
     const places = this.base ? { ...this.points, ...this.taught } : {};
@@ -140,26 +140,26 @@ export class Points {
 const written = (points) => Object.entries(points).map(([name, point]) =>
   `${name}: {${FIELDS.map((field) => `${field}: ${point[field].toFixed(3)}`).join(', ')}}\n`).join('');
 
-/** Return the points of a file as robot.points writes it. Raises an error that names the first line that is none. */
+/** Return the points in the text of a file of robot.points. Throws an error that names the first invalid line. */
 function read(text) {
-  const found = {};
+  const result = {};
   text.split('\n').forEach((line, i) => {
     if (!line.trim() || line.trim().startsWith('#')) return;
     const match = LINE.exec(line.trim());
     if (!match) throw new Error(`line ${i + 1} is not a point`);
     const fields = match[2].split(',').map((each) => each.split(':').map((part) => part.trim()));
-    found[match[1]] = { u: 0, v: 0, w: 0, ...Object.fromEntries(fields.map(([field, value]) => [field, value ? Number(value) : NaN])) };
+    result[match[1]] = { u: 0, v: 0, w: 0, ...Object.fromEntries(fields.map(([field, value]) => [field, value ? Number(value) : NaN])) };
   });
-  return found;
+  return result;
 }
 
-/** Return points if they are some. Raises an error that names the first that is none. */
-function checked(found) {
-  const entries = Object.entries(found);
-  if (entries.length > MOST) throw new Error(`${entries.length} points: at most ${MOST}`);
+/** Return points if they are valid. Throws an error that names the first invalid one. */
+function checked(points) {
+  const entries = Object.entries(points);
+  if (entries.length > MAX_POINTS) throw new Error(`${entries.length} points: at most ${MAX_POINTS}`);
   for (const [name, point] of entries) {
     const good = Object.keys(point).length === FIELDS.length && FIELDS.every((field) => Number.isFinite(point[field]));
     if (!NAME.test(name) || !good) throw new Error(`${name.slice(0, 40)} must have x, y, z, and may have u, v, w`);
   }
-  return found;
+  return points;
 }

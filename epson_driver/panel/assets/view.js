@@ -1,12 +1,12 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// The arm in 3D: where it is, where the plan is, the ways of the tool. `lib` and `drawing`: bundle.js and arm.js.
+// The 3D view: the arm, the ghost at the reference, and the tool paths of both. `lib` and `drawing`: bundle.js and arm.js.
 
 const DRIVEN = 0x136fd1, PLANNED = 0xe08a14, GHOST = '#f59f28';
-const STEP_M = 0.002, MOST_POINTS = 800;
+const STEP_M = 0.002, MAX_POINTS = 800;
 
-/** A way of the tool that grows. */
-class Way {
+/** A tool path that grows. */
+class ToolPath {
   constructor(scene, colour, width, nearer) {
     this.points = [];
     this.last = null;
@@ -23,7 +23,7 @@ class Way {
     if (this.last && Math.hypot(x - this.last[0], y - this.last[1], z - this.last[2]) < STEP_M) return;
     this.last = [x, y, z];
     this.points.push(this.last);
-    if (this.points.length > MOST_POINTS) this.points.shift();
+    if (this.points.length > MAX_POINTS) this.points.shift();
     this.changed = true;
   }
 
@@ -46,10 +46,10 @@ class Way {
   }
 }
 
-/** Raises an error where there is no WebGL. */
+/** Create the view. Throws an error without WebGL. */
 export function makeView(canvas, holder) {
   const { scene, soon, lookAt } = drawing.stage(canvas, holder);
-  const driven = new Way(scene, DRIVEN, 2.5, -8), planned = new Way(scene, PLANNED, 5, 0);
+  const driven = new ToolPath(scene, DRIVEN, 2.5, -8), planned = new ToolPath(scene, PLANNED, 5, 0);
   const ball = (color) => new lib.MeshStandardMaterial({ color, roughness: 0.4 });
   const BALL = new lib.SphereGeometry(0.007, 16, 12), TAUGHT = ball(0x8e44ad), CHOSEN = ball(0xd13bb0);
   let markers = [];
@@ -76,13 +76,13 @@ export function makeView(canvas, holder) {
       }
       soon();
     },
-    /** Draw the way of a plan; without points it grows with the plan. */
+    /** Draw the tool path of a plan. Without points, it grows with the reference. */
     setPlan(points) {
       driven.set([]);
       planned.set(points || []);
       follows = !points;
     },
-    /** Draw markers at places, [x, y, z] in m by name; `chosen` is larger. */
+    /** Draw markers at places, [x, y, z] in m by name. The marker of `chosen` is larger. */
     setPoints(places, chosen) {
       for (const each of markers) scene.remove(each);
       markers = Object.entries(places).map(([name, place]) => {

@@ -1,6 +1,6 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// The report page: reads #data, draws the arm (three.js) and the curves (uPlot), and moves both through time.
+// The report page: draws the arm (three.js) and the curves (uPlot) from the data in #data, at a time that the user selects.
 (() => {
   'use strict';
   const $ = (id) => document.getElementById(id);
@@ -12,14 +12,14 @@
   const RUN_COLOURS = ['#2272c3', '#d97706'];
   const TAU = 2 * Math.PI;
 
-  // --- reading ------------------------------------------------------------------------------------
+  // --- data ---------------------------------------------------------------------------------------
 
   const { bytes } = drawing;
   const floats = (text) => new Float32Array(bytes(text));
   const column = (values, index, count, scale = 1) => {
-    const found = new Array(values.length / count);
-    for (let k = 0; k < found.length; k++) found[k] = values[k * count + index] * scale;
-    return found;
+    const result = new Array(values.length / count);
+    for (let k = 0; k < result.length; k++) result[k] = values[k * count + index] * scale;
+    return result;
   };
   const columns = (values) => joints.map((_, j) => column(values, j, joints.length));
   const scaled = (packed) => {
@@ -45,7 +45,7 @@
   const first = Math.min(...runs.map((run) => Math.min(run.at[0], -run.shift)));
   const last = Math.max(...runs.map((run) => Math.max(run.at[run.at.length - 1], run.figures.duration_s - run.shift)));
 
-  /** The index of the last entry at or before a time; -1 before the first. */
+  /** Return the index of the last entry at or before a time, or -1. */
   function before(times, time) {
     let low = -1, high = times.length;
     while (high - low > 1) {
@@ -78,9 +78,9 @@
     return ports;
   };
 
-  // --- words --------------------------------------------------------------------------------------
+  // --- texts --------------------------------------------------------------------------------------
 
-  const mixed = data.units.includes('m'); // a shaft moves along its axis: m beside rad
+  const mixed = data.units.includes('m'); // some joints are prismatic
   const per = (time) => (mixed ? `rad${time}, m${time}` : `rad${time}`);
   const milli = mixed ? 'mrad, mm' : 'mrad';
   const fixed = (value, digits, unit = '') => (value === null || value === undefined ? '–' : value.toFixed(digits) + unit);
@@ -99,7 +99,7 @@
       const line = made.appendChild(element('tr'));
       row.forEach((text, i) => {
         const cell = line.appendChild(element('td', text, numbers.includes(i) ? 'number' : ''));
-        cell.dataset.head = heads[i]; // for a phone
+        cell.dataset.head = heads[i]; // shown next to the cell on narrow screens
         cell.classList.toggle('none', text === '' || text === '–');
       });
     }
@@ -123,7 +123,7 @@
   const total = (run, key) => motionsOf(run).reduce((sum, m) => sum + m[key], 0).toFixed(2);
   const cards = [
     [compare ? 'in motion' : `in motion, planned ${total(runs[0], 'planned_s')} s`, (run) => [total(run, 'moved_s'), 's']],
-    ['dead time, longest', (run) => {
+    ['longest dead time', (run) => {
       const worst = Math.max(...motionsOf(run).map((m) => m.dead_time_s));
       return Number.isFinite(worst) ? [(worst * 1e3).toFixed(0), 'ms'] : ['–', ''];
     }],
@@ -166,23 +166,23 @@
     m.dead_time_s === null ? '–' : (m.dead_time_s * 1e3).toFixed(0), m.stops === null ? '–' : m.commanded_stops ? `${m.stops} + ${m.commanded_stops}` : m.stops,
     m.waypoint_deviation === null ? '–' : (m.waypoint_deviation * 1e3).toFixed(2), m.end_deviation === null ? '–' : (m.end_deviation * 1e3).toFixed(3),
     m.top_velocity.length ? Math.max(...m.top_velocity).toFixed(2) : '–', m.top_acceleration.length ? Math.max(...m.top_acceleration).toFixed(1) : '–']));
-  const motionHeads = ['sent', 'points', 'planned s', 'moved s', 'dead time ms', 'stops', `off a point ${milli}`, `off the end ${milli}`, `top ${per('/s')}`, `top ${per('/s²')}`];
+  const motionHeads = ['sent', 'points', 'planned s', 'moved s', 'dead time ms', 'stops', `waypoint error ${milli}`, `end error ${milli}`, `top velocity ${per('/s')}`, `top acceleration ${per('/s²')}`];
   $('motions').append(motionRows.length ? table(compare ? ['run', ...motionHeads] : motionHeads, motionRows, motionHeads.map((_, i) => i + compare)) : element('p', 'no trajectory was sent'));
-  if (motionRows.length) $('motions').append(element('p', 'Stops: not planned + planned. Dead time: from the first point on the wire to the first motion.'));
+  if (motionRows.length) $('motions').append(element('p', 'Stops: unplanned + planned. Dead time: from the first point sent to the first motion.'));
   const messageRows = runs.flatMap((run) => [
     ...run.figures.messages.map((m) => [...which(run), m.name, m.sender, m.count, fixed(m.rate_hz, 1), ms(m.between_median_s), ms(m.between_p99_s), ms(m.between_longest_s)]),
-    ...run.figures.replies.map((m) => [...which(run), `answered: ${m.name}`, 'controller', m.count, '', ms(m.median_s), ms(m.p99_s), ms(m.longest_s)]),
+    ...run.figures.replies.map((m) => [...which(run), `reply to ${m.name}`, 'controller', m.count, '', ms(m.median_s), ms(m.p99_s), ms(m.longest_s)]),
   ]);
   const messageHeads = ['message', 'from', 'count', 'Hz', 'median', '99 %', 'longest'];
   $('messages').append(table(compare ? ['run', ...messageHeads] : messageHeads, messageRows, [2, 3, 4, 5, 6].map((i) => i + compare)),
-    element('p', 'Time between two messages of a kind, and from a request to its reply.'));
+    element('p', 'Intervals between messages of a kind, and latencies of replies.'));
   for (const run of runs) {
     const who = compare ? `${letter(runs.indexOf(run))}: ` : '';
     for (const note of run.figures.notes) $('notes').append(element('li', who + note));
-    if (run.stride > 1) $('notes').append(element('li', `${who}the curves show every ${run.stride}th of ${run.figures.joint_states.count} joint states, the figures use all`));
+    if (run.stride > 1) $('notes').append(element('li', `${who}the curves show one in ${run.stride} of ${run.figures.joint_states.count} joint states, the figures use all`));
     if (run.events_left_out) $('notes').append(element('li', `${who}${run.events_left_out} more events are in the JSON`));
   }
-  $('notes').append(element('li', 'velocities that the controller does not send, and all accelerations, are those of a parabola fitted to 60 ms of joint states'));
+  $('notes').append(element('li', 'accelerations, and velocities that the controller does not send, are computed from parabolas fitted to 60 ms of joint states'));
   const events = runs.flatMap((run, r) => run.figures.events.map((event) => ({ ...event, at: event.time_s - run.shift, run: r }))).sort((a, b) => a.at - b.at);
   const eventTable = $('events').appendChild(element('table'));
   const eventRows = events.map((event) => {
@@ -238,24 +238,24 @@
       },
     };
   }
-  if (view) $('view-note').textContent = compare ? 'A in colour · B in orange · green: plan of A · drag to rotate' : 'green: the plan, where it is elsewhere at this time · drag to turn';
+  if (view) $('view-note').textContent = compare ? 'A in colour · B in orange · green: plan of A · drag to rotate' : 'green: plan, where it differs from the arm · drag to rotate';
 
   // --- lamps and joints ---------------------------------------------------------------------------
 
   const tri = (condition, name) => (condition ? condition[1][flags.indexOf(name)] : -1);
-  const said = (value, yes, no, yesClass, noClass) => (value === 1 ? [yes, yesClass] : value === 0 ? [no, noClass] : ['unknown', '']);
+  const triText = (value, yes, no, yesClass, noClass) => (value === 1 ? [yes, yesClass] : value === 0 ? [no, noClass] : ['unknown', '']);
   function lampsAt(run, time) {
     const c = conditionAt(run, time), links = linkAt(run, time);
     const down = [...links].filter(([, up]) => !up).map(([port]) => port);
     const error = tri(c, 'in_error');
     return [
       ['link', ...(links.size ? down.length ? [`${down.join(', ')} lost`, 'bad'] : ['connected', 'good'] : ['unknown', ''])],
-      ['motors', ...said(tri(c, 'drives_powered'), 'on', 'off', 'good', 'warn')],
-      ['E-stop', ...said(tri(c, 'e_stopped'), 'pressed', 'released', 'bad', 'good')],
+      ['motors', ...triText(tri(c, 'drives_powered'), 'on', 'off', 'good', 'warn')],
+      ['E-stop', ...triText(tri(c, 'e_stopped'), 'pressed', 'released', 'bad', 'good')],
       ['error', ...(error === 1 ? [c[3].join(', ') || 'yes', 'bad'] : error === 0 ? ['none', 'good'] : ['unknown', ''])],
       ['key switch', ...(c ? { 1: ['manual', 'warn'], 2: ['automatic', 'good'] }[c[2]] || ['unknown', ''] : ['unknown', ''])],
-      ['motion', ...said(tri(c, 'in_motion'), 'moving', 'standing', 'good', '')],
-      ['ready', ...said(tri(c, 'motion_possible'), 'yes', 'no', 'good', 'warn')],
+      ['motion', ...triText(tri(c, 'in_motion'), 'moving', 'at rest', 'good', '')],
+      ['ready', ...triText(tri(c, 'motion_possible'), 'yes', 'no', 'good', 'warn')],
     ];
   }
   const lampElements = runs.flatMap((run, r) => lampsAt(run, first).map(([name]) => {
@@ -266,7 +266,7 @@
   }));
   const unit = (j) => (data.units[j] === 'm' ? ['mm', 1e3] : ['°', 180 / Math.PI]);
   const jointHead = $('joints').appendChild(element('tr'));
-  ['joint', per(''), mixed ? '°, mm' : '°', 'velocity', 'in its range'].forEach((text, i) => jointHead.appendChild(element('th', text, i && i < 4 ? 'number' : '')));
+  ['joint', per(''), mixed ? '°, mm' : '°', 'velocity', 'range'].forEach((text, i) => jointHead.appendChild(element('th', text, i && i < 4 ? 'number' : '')));
   const jointRows = joints.map((name, j) => {
     const row = $('joints').appendChild(element('tr'));
     const cells = [name, '', '', '', null].map((text, i) => row.appendChild(element('td', text, i && i < 4 ? 'number' : '')));
@@ -290,12 +290,12 @@
       lampElements[i].children[1].textContent = text;
       wrong ||= state === 'bad' || (name === 'motors' && state === 'warn');
     });
-    let told = null;
+    let last = null;
     events.forEach((event, i) => {
       eventRows[i].classList.toggle('past', event.at <= time);
-      if (event.at <= time && event.level !== 'info' && event.remedy) told = event;
+      if (event.at <= time && event.level !== 'info' && event.remedy) last = event;
     });
-    $('advice').replaceChildren(...(wrong && told ? [element('b', told.text), element('span', `→ ${told.remedy}`)] : []));
+    $('advice').replaceChildren(...(wrong && last ? [element('b', last.text), element('span', `→ ${last.remedy}`)] : []));
   }
 
   // --- curves -------------------------------------------------------------------------------------
@@ -343,19 +343,19 @@
     ctx.restore();
   }
 
-  /** The range of positions: of what was measured, and of the plans' points that are in sight. */
+  /** Return the range of the position axis: that of the measured values, extended to the visible points of the plans. */
   function withPlans(u, low, high) {
     const { min, max } = u.scales.x;
-    let least = low ?? 0, most = high ?? 0;
+    let lowest = low ?? 0, highest = high ?? 0;
     for (const plan of runs.flatMap((run) => run.plans)) plan.at.forEach((t, k) => {
       if (t < min || t > max) return;
       joints.forEach((_, j) => {
         if (!shown[j]) return;
-        least = Math.min(least, plan.q[j][k]);
-        most = Math.max(most, plan.q[j][k]);
+        lowest = Math.min(lowest, plan.q[j][k]);
+        highest = Math.max(highest, plan.q[j][k]);
       });
     });
-    return lib.uPlot.rangeNum(least, most, 0.1, true);
+    return lib.uPlot.rangeNum(lowest, highest, 0.1, true);
   }
 
   function addPlot(name, hint, series, options = {}) {
@@ -402,15 +402,15 @@
   const jointSeries = (values) => runs.flatMap((run, r) => joints.map((_, j) => ({
     x: run.at, y: values(run)[j], style: { stroke: colours[j % colours.length], dash: r ? [5, 4] : undefined, width: r ? 1.1 : 1.4 },
   })));
-  const PAPER_WIDTH = 660; // of A4 and Letter between their margins, in pixels of CSS
+  const PAPER_WIDTH = 660; // between the margins of A4 and Letter, CSS pixels
   let time = first;
   const measured = runs.every((run) => run.figures.velocities === 'measured');
   addPlot('Position', `${per('')} · ${compare ? 'dashed: B · dots: points of the plans' : 'dots: points of the plan'}`, jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans, y: { range: withPlans } });
   addPlot('Velocity', `${per('/s')} · ${measured ? 'measured' : 'from the positions'}`, jointSeries((run) => run.v), { perJoint: true });
   addPlot('Acceleration', `${per('/s²')} · from the positions`, jointSeries((run) => run.a), { perJoint: true });
-  if (runs.some((run) => run.plans.length)) addPlot('Behind or ahead of the plan', `${per('')} · measured − planned, counted from the first motion`, jointSeries((run) => run.error), { perJoint: true, height: 130 });
-  addPlot('Between two joint states', 'ms', runs.map((run, r) => ({ x: run.gaps.map((gap) => gap[0] - run.shift), y: run.gaps.map((gap) => gap[1]), style: { stroke: RUN_COLOURS[r], width: 1 } })), { height: 110, y: { range: (_, low, high) => [0, Math.max(high * 1.1, 1)] } });
-  if (runs.some((run) => run.replies.length)) addPlot('Time to a reply', 'ms', runs.map((run, r) => ({
+  if (runs.some((run) => run.plans.length)) addPlot('Deviation from the plan', `${per('')} · measured − planned, with the plan starting at the first motion`, jointSeries((run) => run.error), { perJoint: true, height: 130 });
+  addPlot('Interval between joint states', 'ms', runs.map((run, r) => ({ x: run.gaps.map((gap) => gap[0] - run.shift), y: run.gaps.map((gap) => gap[1]), style: { stroke: RUN_COLOURS[r], width: 1 } })), { height: 110, y: { range: (_, low, high) => [0, Math.max(high * 1.1, 1)] } });
+  if (runs.some((run) => run.replies.length)) addPlot('Reply latency', 'ms', runs.map((run, r) => ({
     x: run.replies.map((each) => each[0] - run.shift), y: run.replies.map((each) => each[1] * 1e3),
     style: { stroke: RUN_COLOURS[r], width: 0, paths: () => null, points: { show: true, size: 5, stroke: RUN_COLOURS[r], fill: `${RUN_COLOURS[r]}55` } },
   })), { height: 110, y: { range: (_, low, high) => [0, Math.max((high || 0) * 1.1, 1)] } });
@@ -461,8 +461,8 @@
   slider.step = Math.min(0.01, (last - first) / 1000) || 0.01;
   slider.addEventListener('input', () => setTime(Number(slider.value)));
 
-  function setTime(wanted) {
-    time = Math.min(Math.max(wanted, first), last);
+  function setTime(target) {
+    time = Math.min(Math.max(target, first), last);
     slider.value = time;
     $('clock').textContent = `${time.toFixed(3)} s`;
     if (view) view.set(time);
