@@ -10,12 +10,11 @@ import pytest
 
 from benchmark.baselines import joint_spline, stop_and_go
 from benchmark.limit_sets import FACTORS, limit_set
-from benchmark.metrics import Metrics, measure, stops
+from benchmark.metrics import Metrics, measure
 from benchmark.motion_record import Record
 from benchmark.references import References, digest
 from benchmark.strategies import SAMPLE_STEP_S
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from benchmark.waypoints import may_be_merged, waypoint_passages
 from epson_driver.motion import Array, go
 
 LIMITS = limit_set('full')
@@ -69,42 +68,10 @@ def test_only_uncommanded_rests_are_stops() -> None:
     assert figures_of(record, positions).stops == 3
 
 
-def test_overrun_is_measured() -> None:
-    record = stops_at_each(np.concatenate([POINTS, [POINTS[-1] + 0.01], POINTS[-1:]]))
-    figures = figures_of(record)
-    assert figures.overrun == pytest.approx(0.01, abs=1e-6)
-    assert figures.end == 0.0
-
-
 def test_missed_waypoint_is_measured() -> None:
     missed = POINTS.copy()
     missed[2, 3] += 3e-3
     assert figures_of(stops_at_each(), missed).waypoint == pytest.approx(3e-3, rel=1e-3)
-
-
-def test_early_waypoint_is_measured() -> None:
-    record = stops_at_each()
-    late = np.diff(waypoint_passages(POINTS, record).times, prepend=0.0)
-    late[2] += 0.25
-    assert figures_of(record, POINTS, late).early == pytest.approx(0.25)
-    assert figures_of(record).early == 0.0
-
-
-def test_merged_waypoint_has_the_tolerance() -> None:
-    beside = POINTS[2] + np.array([0.0, 0.0, 0.0, 4e-4, 0.0, 0.0])
-    positions = np.insert(POINTS, 3, beside, axis=0)
-    assert may_be_merged(positions, 5e-4).tolist() == [False, False, False, True, False, False]
-    assert figures_of(stops_at_each(), positions).waypoint < 1e-6
-
-
-def test_passage_between_two_samples_has_its_exact_time_and_distance() -> None:
-    motion = go(LIMITS, POINTS[0], POINTS[1])
-    times = np.linspace(0.0213, motion.duration - 0.0211, 37)
-    passed = waypoint_passages(
-        np.array([motion.at(time)[0] for time in times]), stops_at_each(POINTS[:2])
-    )
-    assert passed.distances.max() < 1e-6
-    assert passed.times == pytest.approx(times, abs=1e-5)
 
 
 def test_inconsistent_derivatives_are_measured() -> None:
@@ -114,43 +81,6 @@ def test_inconsistent_derivatives_are_measured() -> None:
     accelerations = record.accelerations.copy()
     accelerations[100:, 2] += 0.05 * LIMITS.acceleration[2]
     assert figures_of(replace(record, accelerations=accelerations)).jerk > 4.9
-
-
-def slow_samples(acceleration: Array, phase: float) -> Record:
-    """Return samples of one joint with these accelerations, `phase` s off the millisecond.
-
-    acceleration: as shares of the limit, at -30 … 30 ms of a moment at which nothing moves.
-    """
-    fine = np.arange(-0.03, 0.03, 1e-5)
-    a = np.interp(fine, np.linspace(-0.03, 0.03, len(acceleration)), acceleration)
-    a *= LIMITS.acceleration[0]
-    v = np.cumsum(a) * 1e-5
-    v -= np.interp(0.0, fine, v)
-    times = np.arange(-0.029, 0.029, SAMPLE_STEP_S) + phase
-    zeros = np.zeros((len(times), len(LIMITS.names)))
-    velocities, accelerations = zeros.copy(), zeros.copy()
-    velocities[:, 0] = np.interp(times, fine, v)
-    accelerations[:, 0] = np.interp(times, fine, a)
-    none = np.zeros(0)
-    return Record(SAMPLE_STEP_S, zeros, velocities, accelerations, none, none.astype(np.bool_))
-
-
-@pytest.mark.parametrize('phase', [0.0, 2e-4, 5e-4, 8e-4])
-@pytest.mark.parametrize(
-    ('accelerations', 'found'),
-    [
-        ([0.012, 0.012], 0),
-        ([0.02, 0.01, 0.02], 0),
-        ([0.3, 0.0, 0.3], 1),
-        ([-0.3, 0.0, 0.3], 1),
-        ([0.1, 0.0, 0.0, 0.0, 0.1], 1),
-    ],
-    ids=['a slow turn', 'a turn', 'a rest, and back', 'a rest, and on', 'a longer rest'],
-)
-def test_reversal_is_no_stop(accelerations: list[float], found: int, phase: float) -> None:
-    record = slow_samples(np.array(accelerations), phase)
-
-    assert len(stops(record, LIMITS)) == found
 
 
 def test_stored_references_are_complete_and_valid() -> None:
@@ -164,15 +94,6 @@ def test_stored_references_are_complete_and_valid() -> None:
 
 AFTER = 'quintic, behind smooth_goals'
 LINE = np.array([[0.0, 0.0, 0.5, 0.0, -1.0, 0.0], [1.0, -0.5, 1.0, 0.5, -0.5, 1.0]])
-
-
-def test_time_splines_match_a_known_motion() -> None:
-    """A quintic from rest to rest has a peak velocity of 15/8 of the mean."""
-    use = joint_spline('quintic', LINE, np.array([0.0, 0.5]), LIMITS)
-    mean = np.max(np.abs(LINE[1] - LINE[0]) / LIMITS.velocity) / 0.5
-    assert use.velocity == pytest.approx(15 / 8 * mean, rel=1e-4)
-    use = joint_spline('cubic', LINE, np.array([0.0, 0.5]), LIMITS)
-    assert use.velocity == pytest.approx(3 / 2 * mean, rel=1e-4)
 
 
 def test_quintics_after_smooth_goals_respect_the_limits() -> None:
