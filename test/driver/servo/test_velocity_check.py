@@ -43,7 +43,7 @@ def test_inv2_constant_position_with_a_velocity_is_refused_early(velocity):
     time, text = first_contradiction(lambda _: (0.1, velocity))
     assert time <= TRUSTED_AFTER_S + (PERIOD if velocity < 0.5 else 0.0)
     assert 'joint_1: its velocities add up to' in text
-    assert 'where its positions move by 0 rad' in text
+    assert 'but its positions move by 0 rad' in text
 
 
 def test_corrected_stream_is_trusted_again():
