@@ -12,6 +12,8 @@ Long m_length
 Integer m_place(5)
 ' When the next message is due, by the timer
 Double m_due
+' Whether the arm moves, in the last status
+Long m_moving
 
 ' A background task that never ends
 Function StateServer
@@ -46,15 +48,18 @@ Function StateService
   m_length = 0
   TmReset STATE_TIMER
   m_due = 0
+  m_moving = STATE_UNKNOWN
+  i = 0
   Do
-    For i = 1 To 11
-      If i < 11 Then
-        SendPosition
-      Else
-        SendStatus
-      EndIf
-      If Not NextSlot Then Exit Function
-    Next i
+    ' The client learns at once that the arm has started or stopped, else after ten positions
+    i = i + 1
+    If i < 11 And Moving = m_moving Then
+      SendPosition
+    Else
+      SendStatus
+      i = 0
+    EndIf
+    If Not NextSlot Then Exit Function
   Loop
 Fend
 
@@ -89,15 +94,22 @@ Function SendPosition
   WriteBin #STATE_PORT, m_position(), 60
 Fend
 
+Function Moving As Long
+  Long bits
+  bits = RobotInfo(0)
+  Moving = STATE_FALSE
+  If (bits And &H200) <> 0 And (bits And &H400) = 0 Then Moving = STATE_TRUE
+  ' Between two points the arm may stand: main has not begun the next one yet
+  If g_head <> g_tail Then
+    If Blocked = 0 And PauseOn = 0 And SafetyOn = 0 Then Moving = STATE_TRUE
+  EndIf
+Fend
+
 Function SendStatus
-  Long number, bits, moving
+  Long number
   Integer why, key_switch
   why = Blocked
-  bits = RobotInfo(0)
-  moving = STATE_FALSE
-  If (bits And &H200) <> 0 And (bits And &H400) = 0 Then moving = STATE_TRUE
-  ' Between two points the arm may stand: main has not begun the next one yet
-  If g_head <> g_tail And why = 0 And PauseOn = 0 And SafetyOn = 0 Then moving = STATE_TRUE
+  m_moving = Moving
   number = SysErr
   If number = 0 Then number = g_main_error
   If number = 0 Then number = g_point_error
@@ -108,7 +120,7 @@ Function SendStatus
   PackLong Truth(EStopOn), ByRef m_status(), 20
   PackLong number, ByRef m_status(), 24
   PackLong Truth(ErrorOn), ByRef m_status(), 28
-  PackLong moving, ByRef m_status(), 32
+  PackLong m_moving, ByRef m_status(), 32
   PackLong key_switch, ByRef m_status(), 36
   If why <> 0 Or PauseOn <> 0 Or SafetyOn <> 0 Then
     PackLong STATE_FALSE, ByRef m_status(), 40

@@ -97,6 +97,9 @@ COMMAND_CONTINUES = (
     'the next connection stops it'
 )
 
+AFTER_MOTION_S = 0.05
+"""Time between the two polls after a motion, s. Their joints show that the arm is at rest."""
+
 ONE_CLIENT = 'another Remote Ethernet client is connected, or the server is not running'
 
 _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Paused', 'Running'}
@@ -159,6 +162,7 @@ class RemoteLink(Link):
         self._motion: _Request | None = None
         self._abort_time: float | None = None
         self._wake = asyncio.Event()
+        self._motion_ended = False
         self.flags: tuple[str, ...] = ()
         """Names of the flags that were set in the last reply to GetStatus."""
 
@@ -287,10 +291,12 @@ class RemoteLink(Link):
             await self._ask_state(f'Login,{self._password}')
             self._establish()
             while True:
-                await self._poll_state()
                 self._wake.clear()
+                wait = min(self._period, AFTER_MOTION_S) if self._motion_ended else self._period
+                self._motion_ended = False
+                await self._poll_state()
                 with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(self._period):
+                    async with asyncio.timeout(wait):
                         await self._wake.wait()
                 if self._abort_time and self._now() - self._abort_time > ABORTED_TIMEOUT_S:
                     return 'no reply to the aborted command'
@@ -356,6 +362,7 @@ class RemoteLink(Link):
         self.statistics.reply_latencies.append(self.last_received - request.sent)
         if request is self._motion:
             self._motion = self._abort_time = None
+            self._motion_ended = True
             self._wake.set()
         request.on_reply(answer)
         self._send_next()

@@ -11,7 +11,7 @@ from support.event_loop import until
 from support.remote_peer import HOME, READY, RemotePeer
 
 from epson_driver.link.connection import READ_SIZE_BYTES
-from epson_driver.link.remote_link import MAX_LINE_BYTES, LineFramer, RemoteLink
+from epson_driver.link.remote_link import AFTER_MOTION_S, MAX_LINE_BYTES, LineFramer, RemoteLink
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.simple_message import (
     FrameError,
@@ -100,6 +100,17 @@ async def test_inv6_during_a_statement_joints_are_unavailable_and_the_arm_moves(
         assert all(status.in_motion == TriState.TRUE for status in there.received(Status)[1:])
         with pytest.raises(RemoteError, match='another command is being executed'):
             await there.link.ask('Execute,"Print Oport(1)"')
+
+
+async def test_joints_are_polled_twice_directly_after_a_motion():
+    peer = RemotePeer(Execute=motion('#Execute,0'))
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: there.received(JointPosition))
+        there.link.move(MOVE, there.answers.append)
+        await until(lambda: there.answers)
+        there.messages.clear()
+        await asyncio.sleep(1.5 * AFTER_MOTION_S)
+        assert len(there.received(JointPosition)) == 2
 
 
 @pytest.mark.invariant(3)

@@ -40,6 +40,7 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outco
 from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
 from epson_driver.driver.state.standstill import (
+    REST_TIME_S,
     UNCONFIRMED_REST_TIME_S,
     UNREPORTED_REST_TIME_S,
     Standstill,
@@ -204,7 +205,8 @@ class GoalExecution:
         if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
         else:
-            self._standstill.expect(max(now, self._due))
+            moved = isinstance(packet.message, StatementReply)  # it is sent after the motion
+            self._standstill.expect(max(now, self._due), 0.0 if moved else REST_TIME_S)
             self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:

@@ -31,6 +31,9 @@ class Standstill:
     Only the measurement times of joints and status are used, not their arrival times. Otherwise a
     delayed sample from before the motion could count as standstill after it.
 
+    The controller must also report rest, but a STATUS is less frequent than joints. Up to
+    REST_TIME_S of the standstill before that report counts.
+
     `alive` is the time of the last motion. The owner also updates it when the controller replies.
     """
 
@@ -39,6 +42,7 @@ class Standstill:
         self._last_position: Array | None = None
         self._after: float | None = None
         self._rest = REST_TIME_S
+        self._still: float | None = None
         self._since: float | None = None
         self._rest_position: Array = np.zeros(0)
 
@@ -49,7 +53,7 @@ class Standstill:
         """
         self._after = after
         self._rest = rest
-        self._since = None
+        self._still = self._since = None
 
     def expect_rest(self, rest: float) -> None:
         """Change the required standstill, s. A standstill in progress continues."""
@@ -68,14 +72,18 @@ class Standstill:
         if self._since is not None and robot.in_motion == TriState.UNKNOWN:  # it may creep
             moved = np.abs(sample.positions - self._rest_position)
             moving |= bool(np.any(moved >= stopped * VELOCITY_WINDOW_S))
-        if moving or robot.in_motion == TriState.TRUE or self._after is None:
-            self._since = None
-        elif (
-            self._since is None
-            and sample.measured > self._after
-            and (robot.in_motion == TriState.UNKNOWN or robot.status_measured > self._after)
-        ):
-            self._since, self._rest_position = sample.measured, sample.positions
+        if moving or self._after is None:
+            self._still = self._since = None
+        elif sample.measured > self._after:
+            if self._still is None:
+                self._still = sample.measured
+            if robot.in_motion == TriState.TRUE:
+                self._since = None
+            elif self._since is None and (
+                robot.in_motion == TriState.UNKNOWN or robot.status_measured > self._after
+            ):
+                self._since = max(self._still, sample.measured - REST_TIME_S)
+                self._rest_position = sample.positions
 
     @property
     def is_at_rest(self) -> bool:

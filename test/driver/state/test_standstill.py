@@ -55,3 +55,22 @@ def test_inv5_burst_measured_before_the_expected_motion_is_not_rest():
         sample = robot.on_joints(joint_data([0.0]), BEGIN + 0.71)
         standstill.update(sample, robot, STOPPED, BEGIN + 0.71)
         assert standstill._since is None
+
+
+@pytest.mark.parametrize(('rest', 'remaining'), [(REST_TIME_S, 0.0), (1.0, 1.0 - REST_TIME_S)])
+def test_inv5_standstill_before_the_report_of_rest_counts_up_to_the_rest_time(rest, remaining):
+    robot, standstill = RobotState(1), Standstill(BEGIN)
+    standstill.expect(BEGIN, rest)
+
+    def receive(at, in_motion):
+        robot.on_status(Status(in_motion=in_motion), at)
+        sample = robot.on_joints(joint_data([0.0]), at)
+        if sample is None:  # one position has no velocity
+            return False
+        standstill.see(sample, robot, STOPPED, at)
+        return standstill.reached(sample.measured)
+
+    steps = BEGIN + 0.01 * np.arange(1, 150)
+    assert not any(receive(at, TriState.TRUE) for at in steps[:40].tolist())
+    first = next(at for at in steps[40:].tolist() if receive(at, TriState.FALSE))
+    assert first - steps[40] == pytest.approx(remaining, abs=0.02)
