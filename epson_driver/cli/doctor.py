@@ -4,6 +4,7 @@
 
 import argparse
 import asyncio
+import dataclasses
 import json
 import subprocess
 import sys
@@ -19,24 +20,18 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from epson_driver.cli.arguments import (
-    add_controller,
-    add_password,
-    add_ports,
-    add_robot,
-    argument,
-    help_texts,
-    host,
-)
-from epson_driver.doctor.controller_checks import MIN_LISTENING_S, Question, check_controller
+from epson_driver.cli.arguments import DEFAULT_MODEL, argument, help_texts
+from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
+from epson_driver.doctor.controller_checks import MIN_LISTENING_S, check_controller
 from epson_driver.doctor.environment import check_environment
 from epson_driver.doctor.findings import Finding, Findings, Level, as_text, tell_drivers
 from epson_driver.doctor.learning import profile_text, unknown, why_not
+from epson_driver.doctor.look import tell_look
 from epson_driver.doctor.state_facts import Facts
 from epson_driver.inputs import InputError, number, printable, write_file
 from epson_driver.processes.command import module_command
 from epson_driver.processes.interrupt import INTERRUPTED
-from epson_driver.profiles import ControllerProfile, load_controller_profile
+from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
 
 COLOURS = {
@@ -49,6 +44,8 @@ COLOURS = {
 
 DISCOVERY_S = 3.0
 """Time for ROS to discover the other nodes, s."""
+
+ORDER = (Level.WRONG, Level.HELD, Level.NOTE, Level.SKIPPED, Level.OK)
 
 GRAPH_TIMEOUT_S = 60.0
 """Timeout of the process that reads the ROS graph, s."""
@@ -65,31 +62,42 @@ def main() -> int:
         parser.error('--learn, --ask and --jog need the address of a controller')
     if arguments.learn and arguments.learn.exists():
         parser.error(f'--learn {printable(arguments.learn)}: must be a new file')
-    try:
-        profile = load_controller_profile(arguments.controller)
-        model = load_robot_model(arguments.robot)
-    except (OSError, InputError) as error:
-        parser.error(printable(error))
     console = Console(highlight=False)
-    facts: Facts = {}
+    at_once = partial(tell, console) if arguments.jog else lambda finding: None
     try:
-        with console.status('') as status, _graph_reader() as graph:
-            findings = Findings(lambda finding: tell(console, finding), status.update)
-            console.rule('why does it not move?', align='left')
-            if arguments.address is not None:
-                question = _question(arguments, profile, model)
-                ask = partial(_asked, status.stop) if arguments.jog else None
-                facts = asyncio.run(check_controller(question, findings, ask))
-            findings.busy('looking for drivers and MoveIt in this ROS domain')
-            _check_graph(graph, model, findings)
-            console.rule('this machine', align='left')
+        if arguments.controller:
+            load_controller_profile(arguments.controller)
+        model = load_robot_model(arguments.robot or DEFAULT_MODEL)
+        with Console(stderr=True).status('') as status, _graph_reader() as graph:
+            findings = Findings(at_once, status.update)
+            facts, model = asyncio.run(_check(arguments, findings, status.stop)) or ({}, model)
             findings.busy('importing ROS')
-            check_environment(findings)
-        return _finish(arguments, findings, facts, console)
-    except OSError as error:
+            ros = check_environment(findings)
+            if ros:
+                findings.busy('looking for drivers and MoveIt in this ROS domain')
+                _check_graph(graph, model, findings)
+        return _finish(arguments, findings, facts, console, ros=ros)
+    except (OSError, InputError) as error:
         parser.error(printable(error))
     except (KeyboardInterrupt, EOFError):
         return INTERRUPTED
+
+
+async def _check(
+    arguments: argparse.Namespace, findings: Findings, before: Callable[[], None]
+) -> tuple[Facts, RobotModel] | None:
+    """Check the controller, if one is given and answers. Returns the facts and its model."""
+    if arguments.address is None:
+        return None
+    if arguments.controller is None:
+        findings.busy(f'looking at {arguments.address}: Remote Ethernet and state ports')
+        seen = await look(arguments)
+        if not tell_look(seen, findings):
+            return None
+        arguments.controller, arguments.robot = seen.profile, seen.model or None
+    asked = question(arguments, arguments.seconds, arguments.ask, arguments.io)
+    ask = partial(_asked, before) if arguments.jog else None
+    return await check_controller(asked, findings, ask), asked.model
 
 
 async def _asked(before: Callable[[], None], sentence: str) -> str:
@@ -110,32 +118,15 @@ def _graph_reader() -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def _question(
-    arguments: argparse.Namespace, profile: ControllerProfile, model: RobotModel
-) -> Question:
-    def port(name: str) -> int:
-        requested = getattr(arguments, f'{name}_port')
-        return int(getattr(profile.ports, name) if requested is None else requested)
-
-    return Question(
-        host=arguments.address,
-        profile=profile,
-        model=model,
-        state_port=port('state'),
-        motion_port=port('motion'),
-        io_port=port('io'),
-        remote_port=port('remote'),
-        password=arguments.password,
-        seconds=arguments.seconds,
-        may_ask=arguments.ask,
-        may_use_io=arguments.io,
-    )
-
-
 def _finish(
-    arguments: argparse.Namespace, findings: Findings, facts: Facts, console: Console
+    arguments: argparse.Namespace,
+    findings: Findings,
+    facts: Facts,
+    console: Console,
+    *,
+    ros: bool,
 ) -> int:
-    """Write the files of --learn and --save, print the verdict, and return the exit code."""
+    """Write the files, and print the findings and the verdict."""
     if arguments.learn is not None:
         if facts:
             about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
@@ -149,6 +140,8 @@ def _finish(
             findings.wrong(
                 '--learn', 'nothing was found out, so no profile is written', 'see above'
             )
+    if not arguments.jog:  # then they were printed at once
+        _show(console, findings, everything=arguments.all, ros=ros)
     if arguments.save is not None:
         head = [f'epson_driver doctor {" ".join(sys.argv[1:])}', f'{datetime.now(UTC):%F %T} UTC']
         write_file(arguments.save, as_text(findings, head))
@@ -175,6 +168,19 @@ def tell(console: Console, finding: Finding) -> None:
     for row in rows:
         grid.add_row(*row)
     console.print(grid)
+
+
+def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) -> None:
+    """Print the findings, the worst first. What is in order is folded unless `everything`."""
+    shown = sorted(findings.all, key=lambda item: ORDER.index(item.level))
+    fine = [item for item in shown if item.level is Level.OK]
+    if not everything and fine:
+        del shown[-len(fine) + 1 :]
+        names = ', '.join(dict.fromkeys(item.about for item in fine[1:]))
+        shown.append(Finding(Level.OK, 'also in order', names))
+    for item in shown:  # `~/` marks a ROS service
+        remedy = item.remedy if ros else item.remedy.replace('~/', '')
+        tell(console, dataclasses.replace(item, remedy=remedy))
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
@@ -205,28 +211,20 @@ def _parser() -> argparse.ArgumentParser:
         prog='epson_driver doctor',
         **help_texts(
             'Find out why the arm does not move, and report errors from this machine to the '
-            'controller with their remedies. It only listens unless an option permits more.',
-            ('doctor', 'doctor 192.168.0.1 --controller rc700a --save doctor.txt'),
+            'controller with their remedies. It looks and listens. Options permit more.',
+            ('doctor 192.168.0.1', 'doctor 192.168.0.1 --controller spel --save doctor.txt'),
             '0 nothing is wrong and nothing inhibits motion, 1 otherwise, '
             '2 invalid arguments, 130 Ctrl-C',
         ),
         allow_abbrev=False,
     )
-    parser.add_argument(
-        'address',
-        nargs='?',
-        type=host,
-        metavar='ADDRESS',
-        help='address of the controller (default: none, only ROS and this machine are checked)',
-    )
-    add_controller(
+    add_robot_arguments(
         parser,
-        'expected controller profile (simulated: the built-in simulation, spel: an EPSON '
-        'controller with our program)',
+        'address of the controller (default: none, only ROS and this machine are checked)',
     )
-    add_robot(parser)
-    add_ports(parser, 'not checked')
-    add_password(parser)
+    parser.add_argument(
+        '--all', action='store_true', help='print what is in order too, a line each'
+    )
     parser.add_argument(
         '--seconds',
         type=argument(number(MIN_LISTENING_S, 600.0)),

@@ -74,7 +74,7 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
     facts: Facts = {}
     try:
         async with conversation(host, port) as motion:
-            motion.dialect = state.heard.packets[0][1].dialect
+            motion.link.dialect = state.heard.packets[0][1].dialect
             clock = asyncio.get_running_loop().time
             asked = clock()
             reply = await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
@@ -146,7 +146,7 @@ async def _serves_again(host: str, port: int, before: Conversation) -> bool:
     await asyncio.sleep(0.5)  # a server notices the end of its client a moment later
     try:
         async with conversation(host, port) as motion:
-            motion.dialect = before.dialect
+            motion.link.dialect = before.link.dialect
             stop = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
             return await motion.ask(stop, REPLY_TIMEOUT_S) is not None
     except NoConnectionError:
@@ -162,7 +162,7 @@ async def count_state_clients(host: str, port: int) -> Facts:
                 one = await connected.enter_async_context(conversation(host, port))
             except NoConnectionError:
                 break
-            if await one.next_packet(ADMISSION_TIMEOUT_S) is None:
+            if not await one.another_packet(ADMISSION_TIMEOUT_S):
                 break
             served += 1
         else:
@@ -176,15 +176,15 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
     Outputs may take their safe values when the connection closes.
     """
     try:
-        async with conversation(host, port) as link:
-            link.dialect = state.heard.packets[0][1].dialect
-            reply = await link.ask(IoInfo(1), REPLY_TIMEOUT_S)
+        async with conversation(host, port) as io:
+            io.link.dialect = state.heard.packets[0][1].dialect
+            reply = await io.ask(IoInfo(1), REPLY_TIMEOUT_S)
     except NoConnectionError as error:
         remedy = 'start the I/O program, or set io_port to 0'
         findings.wrong('I/O port', f'{host}:{port}: {error}', remedy)
         return {}
     if reply is None or not isinstance(reply.message, IoInfoReply):
-        silent = link.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
+        silent = io.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
         how = silent if reply is None else 'refused: its task is not running, or is stopped'
         remedy = f'stop the other client, or {RESTART}, or set io_port to 0 (no I/O)'
         findings.wrong('I/O port', f'IO_INFO: {how}', remedy)

@@ -128,7 +128,7 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
     where = f'{question.host}:{question.state_port}'
     try:
         findings.busy(f'connecting to {where}')
-        async with conversation(question.host, question.state_port) as state:
+        async with conversation(question.host, question.state_port, sends=True) as state:
             facts = await _check_state(question, state, findings)
             if facts:
                 facts |= await _ask(question, state, findings)
@@ -178,7 +178,7 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     wall, monotonic = time.time(), time.monotonic()
     loop = asyncio.get_running_loop()
     began = loop.time()
-    if await state.ended_within(AT_ONCE_S) and not received.packets:
+    if await state.ended_within(AT_ONCE_S) and not received.first_bytes:
         text = (
             f'{received.ended} immediately: another client is connected, or its program has ended'
         )
@@ -356,7 +356,7 @@ def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Fin
 async def _ask(question: Question, state: Conversation, findings: Findings) -> Facts:
     facts: Facts = {}
     if not question.may_ask and not question.may_use_io:
-        findings.skipped('motion, I/O, remote port', 'not opened', 'permit it with --ask, --io')
+        findings.skipped('motion, I/O, remote port', 'not queried', 'permit it with --ask, --io')
         return facts
     reason = why_not_to_ask(state)
     if reason:

@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from epson_driver.doctor.findings import Findings
 from epson_driver.processes.command import safe_python
@@ -90,34 +91,39 @@ try:
     found['rmw'] = get_rmw_implementation_identifier()
 except Exception as error:
     found['rclpy'] = f'{type(error).__name__}: {error}'
+    found['missing'] = getattr(error, 'name', None) == 'rclpy'
 sys.stdout.write('\\n' + json.dumps(found))
 """
 
 
-def check_environment(findings: Findings, environment: Mapping[str, str] = os.environ) -> None:
-    """Check this machine."""
+def check_environment(findings: Findings, environment: Mapping[str, str] = os.environ) -> bool:
+    """Check this machine. Returns whether ROS is there or expected."""
     version = platform.python_version()
     if sys.version_info >= MIN_PYTHON:
         findings.ok('Python', f'{version}, {sys.executable}')
     else:
         findings.wrong('Python', f'{version} is too old', 'Python 3.11 or newer is needed')
     distribution = environment.get('ROS_DISTRO', '')
+    result = _ask_ros(findings, environment)
+    if not distribution and result is not None and result.get('missing'):
+        findings.skipped('ROS', 'not installed. The Python API does not need it')
+        return False
     if distribution and distribution not in DISTRIBUTIONS:
         text = f'ROS_DISTRO is {distribution}, this package is for {" or ".join(DISTRIBUTIONS)}'
         findings.wrong('ROS', text, 'source a workspace of that distribution, in a new terminal')
     elif distribution:
         findings.ok('ROS', f'{distribution} ({environment.get("AMENT_PREFIX_PATH", "")})')
     else:
-        findings.note(
-            'ROS',
-            'ROS_DISTRO is not set: no ROS workspace is sourced, or this is a pip environment',
-        )
-    _check_ros(findings, environment)
+        findings.ok('ROS', 'installed with pip, because ROS_DISTRO is not set')
+    if result is not None:
+        _check_ros(findings, result)
     _check_discovery(findings, environment)
     _check_shared_memory(findings)
+    return True
 
 
-def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
+def _ask_ros(findings: Findings, environment: Mapping[str, str]) -> dict[str, Any] | None:
+    """Import ROS in another process and return its report, or None if that fails."""
     try:
         asked = subprocess.run(  # noqa: S603 - our own words
             [*safe_python(), '-c', _ASK, *DEFINITIONS],
@@ -130,14 +136,18 @@ def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
     except subprocess.TimeoutExpired:
         text = f'importing rclpy took more than {ASK_TIMEOUT_S:g} s'
         findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION and the disk')
-        return
+        return None
     try:
-        result = json.loads(asked.stdout.rpartition('\n')[2])
+        result: dict[str, Any] = json.loads(asked.stdout.rpartition('\n')[2])
     except ValueError:
         last = (asked.stderr.strip().splitlines() or ['no output'])[-1]
         text = f'importing ROS ended with {asked.returncode}: {last}'
         findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION, source only one ROS distribution')
-        return
+        return None
+    return result
+
+
+def _check_ros(findings: Findings, result: Mapping[str, Any]) -> None:
     for name, fields in DEFINITIONS.items():
         _check_definition(findings, name, fields, result[name])
     if 'rclpy' in result:
@@ -159,7 +169,7 @@ def _check_definition(
         text = f'its definition lacks {", ".join(lacking)} [{found[0]}]'
         findings.wrong(about, text, OTHER_PACKAGE)
     else:
-        findings.ok(about, f'has all {len(fields)} required fields')
+        findings.ok('ROS messages', f'{about} has all {len(fields)} required fields')
 
 
 def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None:

@@ -5,6 +5,7 @@
 import asyncio
 import contextlib
 import errno
+import os
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
@@ -13,42 +14,29 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
-from epson_driver.simple_message import (
-    LITTLE_ENDIAN,
-    CommType,
-    Dialect,
-    Frame,
-    FrameError,
-    Framer,
-    Message,
-    Packet,
-    SimpleMessageError,
-    decode,
-    encode,
-    request,
-)
-from epson_driver.socket_errors import reason
+from epson_driver.link import Link, LinkState, WireEvent
+from epson_driver.simple_message import CommType, Message, Packet
 from epson_driver.trace.pcap import Conversation as WireTrace
 from epson_driver.trace.pcap import PcapWriter
 
-CONNECT_TIMEOUT_S = 5.0
 MAX_KEPT = 100_000
 """Maximum number of packets stored: eight minutes at 200 Hz."""
-
-
-PROBES = {
-    socket.SO_KEEPALIVE: (socket.SOL_SOCKET, 1),
-    socket.TCP_KEEPIDLE: (socket.IPPROTO_TCP, 1),
-    socket.TCP_KEEPINTVL: (socket.IPPROTO_TCP, 1),
-    socket.TCP_KEEPCNT: (socket.IPPROTO_TCP, 2),
-}
-"""TCP probes a silent peer after 1 s and drops it 2 s later. No byte of data is sent for this."""
 
 TRACE: ContextVar[PcapWriter | None] = ContextVar('trace', default=None)
 """Recorder of all bytes sent and received, or None."""
 
 TICK_S = 0.02
 """Period of measuring this process's own lateness, s."""
+
+REOPENED_S = 2.0
+"""Time in which a server opens its port again after a client has left, s."""
+
+RETRY_S = 0.1
+FIRST_BYTES_S = 0.5
+"""Time within which a state port sends its first message, or closes a second connection, s."""
+
+LOST = (os.strerror(errno.ETIMEDOUT), os.strerror(errno.EHOSTUNREACH))
+"""Reasons for the end of a connection to a machine that no longer answers TCP."""
 
 
 class Refusal(Enum):
@@ -72,41 +60,45 @@ class NoConnectionError(ConnectionError):
 class ReceivedTraffic:
     """The data received over one connection. Times are s on the monotonic clock."""
 
-    handshake: float
+    handshake: float = 0.0
     """Duration of TCP's handshake, s."""
     packets: list[tuple[float, Packet]] = field(default_factory=list)
-    frames: int = 0
     unreadable: str = ''
     """Error text for the first bytes that were no message, or ''."""
     ended: str = ''
     """Reason for the end of the connection, or '' while it is open."""
-    vanished: bool = False
-    """Whether the connection was lost because the other machine stopped answering TCP."""
     first_bytes: bytes = b''
     lateness: float = 0.0
     """Maximum delay of a timer in this process, s: the uncertainty of its times."""
 
+    @property
+    def vanished(self) -> bool:
+        """Whether the connection was lost because the other machine stopped answering TCP."""
+        return self.ended.endswith(LOST)
+
 
 class Conversation:
-    """One open connection to a port of the controller."""
+    """One connection to a port of the controller, by the driver's own link."""
 
-    def __init__(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, handshake: float
-    ) -> None:
-        self.heard = ReceivedTraffic(handshake)
-        peer, own = (writer.get_extra_info(name) for name in ('peername', 'sockname'))
-        self.port: int = peer[1]
-        recorder = TRACE.get()
-        self._trace = (
-            None if recorder is None else WireTrace(recorder, own[:2], peer[:2], time.time_ns())
+    def __init__(self, host: str, port: int) -> None:
+        self.heard = ReceivedTraffic()
+        self.port = port
+        self.link = Link(
+            'doctor', host, port, on_packet=self._take, on_state=self._change, quiet=True
         )
-        self.dialect: Dialect = LITTLE_ENDIAN
-        self._reader = reader
-        self._writer = writer
-        self._framer = Framer()
+        self.link.trace = self._record
         self._news = asyncio.Event()
-        self._task = asyncio.create_task(self._read())
-        self._ticks = asyncio.create_task(self._watch_lateness())
+        self._reply: asyncio.Future[Packet] | None = None
+        self._trace: WireTrace | None = None
+        self._began = asyncio.get_running_loop().time()
+        self._opened = False
+        self._tasks = [asyncio.create_task(part) for part in (self._run(), self._ticks())]
+
+    async def connected(self) -> None:
+        """Wait until the connection is established. Raises NoConnectionError if that fails."""
+        await self._wait(lambda: self.link.connected or self.heard.ended)
+        if not self._opened:
+            raise NoConnectionError(self.heard.ended, refusal_of(self.link.failure))
 
     async def wait_for_traffic(
         self, enough: Callable[[ReceivedTraffic], object], seconds: float
@@ -114,136 +106,148 @@ class Conversation:
         """Wait up to `seconds` until `enough` is true of the traffic. Returns whether it is."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                while not enough(self.heard) and not self._task.done():
-                    self._news.clear()
-                    await self._news.wait()
+                await self._wait(lambda: enough(self.heard) or self.heard.ended)
         return bool(enough(self.heard))
 
     async def ended_within(self, seconds: float) -> bool:
         """Wait up to `seconds`, and return whether the connection has ended."""
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(asyncio.shield(self._task), seconds)
-        return self._task.done()
+        return await self.wait_for_traffic(lambda heard: heard.ended, seconds)
 
-    async def next_packet(self, timeout: float, *, replies: bool = False) -> Packet | None:
-        """Return the next packet received, or the next reply, or None after the timeout."""
-        start = len(self.heard.packets)
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout):
-                while True:
-                    for _, packet in self.heard.packets[start:]:
-                        if not replies or packet.comm_type is CommType.SERVICE_REPLY:
-                            return packet
-                    start = len(self.heard.packets)
-                    if self._task.done():
-                        return None
-                    self._news.clear()
-                    await self._news.wait()
-        return None
+    async def another_packet(self, timeout: float) -> bool:
+        """Wait for another packet, and return whether it has arrived in time."""
+        count = len(self.heard.packets)
+        return await self.wait_for_traffic(lambda heard: len(heard.packets) > count, timeout)
 
     async def ask(self, message: Message, timeout: float) -> Packet | None:
         """Send a request and return the next reply, or None if none arrives in time."""
-        if self._task.done():
-            return None
+        self._reply = reply = asyncio.get_running_loop().create_future()
         self.post(message)
-        return await self.next_packet(timeout, replies=True)
+        await self.wait_for_traffic(lambda heard: reply.done(), timeout)
+        self._reply = None
+        return reply.result() if reply.done() else None
 
     def post(self, message: Message) -> None:
         """Send a request without waiting for its reply."""
-        self._send(encode(request(message), self.dialect))
+        with contextlib.suppress(ConnectionError):  # `heard` has the reason
+            self.link.post(message, lambda packet, _: self._take(packet))
+
+    def send_bytes(self, data: bytes) -> None:
+        """Send bytes that are not a message."""
+        if self.link.transport is not None:
+            self.link.transport.write(data)
+            self._record(WireEvent.SENT, data)
+
+    def restart(self) -> None:
+        """Forget the traffic of an open connection, and record it with the current recorder."""
+        self._finish()
+        self.heard.packets.clear()
+        if self.link.addresses is not None:
+            self._record(WireEvent.OPENED, b'')
 
     async def close(self) -> None:
         """Close the connection."""
-        for task in (self._task, self._ticks):
+        for task in self._tasks:
             task.cancel()
-        await asyncio.gather(self._task, self._ticks, return_exceptions=True)
-        if self._trace is not None:
-            self._trace.finish(time.time_ns(), from_client=not self.heard.ended)
-        self._writer.close()
-        with contextlib.suppress(OSError, TimeoutError):
-            await asyncio.wait_for(self._writer.wait_closed(), 1.0)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._finish()
 
-    async def say(self, data: bytes) -> None:
-        """Send bytes that are not a message."""
-        self._send(data)
-        await self._writer.drain()
+    async def _run(self) -> None:
+        """Run the link until its connection has ended."""
+        link = asyncio.create_task(self.link.run())
+        try:
+            await self._wait(lambda: self.heard.ended)
+        finally:
+            link.cancel()
+            await asyncio.gather(link, return_exceptions=True)
 
-    def _send(self, data: bytes) -> None:
-        if self._trace is not None:
-            self._trace.data(time.time_ns(), data, from_client=True)
-        self._writer.write(data)
-
-    async def _watch_lateness(self) -> None:
+    async def _ticks(self) -> None:
         clock = asyncio.get_running_loop().time
         while True:
             due = clock() + TICK_S
             await asyncio.sleep(TICK_S)
             self.heard.lateness = max(self.heard.lateness, clock() - due)
 
-    async def _read(self) -> None:
-        received = self.heard
-        try:
-            while data := await self._reader.read(65536):
-                now = asyncio.get_running_loop().time()
-                if self._trace is not None:
-                    self._trace.data(time.time_ns(), data, from_client=False)
-                if not received.first_bytes:
-                    received.first_bytes = data[:64]
-                if not received.unreadable:
-                    self._take(data, now)
-                self._news.set()
-            received.ended = 'closed by the controller'
-        except OSError as error:
-            received.ended = f'broken off: {reason(error)}'
-            received.vanished = error.errno in (errno.ETIMEDOUT, errno.EHOSTUNREACH)
-        finally:
-            self._news.set()
+    async def _wait(self, condition: Callable[[], object]) -> None:
+        while not condition():
+            news = self._news
+            await news.wait()
 
-    def _take(self, data: bytes, now: float) -> None:
-        received = self.heard
-        self._framer.receive_data(data)
-        try:
-            while (frame := self._framer.next_frame()) is not None:
-                received.frames += 1
-                self._take_frame(frame, now)
-        except FrameError as error:
-            received.unreadable = str(error)
+    def _change(self, state: LinkState, why: str) -> None:
+        if state is LinkState.BACKING_OFF and not self.heard.ended:
+            self.heard.ended = why.removeprefix(f'{self.link.host}:{self.port}: ')
+        self._tell()
 
-    def _take_frame(self, frame: Frame, now: float) -> None:
-        try:
-            packet = decode(frame)
-        except SimpleMessageError as error:
-            self.heard.unreadable = str(error)
-            return
+    def _tell(self) -> None:
+        """Wake all who wait for a change."""
+        self._news.set()
+        self._news = asyncio.Event()
+
+    def _take(self, packet: Packet) -> None:
         if len(self.heard.packets) < MAX_KEPT:
-            self.heard.packets.append((now, packet))
+            self.heard.packets.append((self.link.last_received, packet))
+        reply = self._reply
+        if reply is not None and packet.comm_type is CommType.SERVICE_REPLY and not reply.done():
+            reply.set_result(packet)
+        self._tell()
+
+    def _record(self, event: WireEvent, data: bytes) -> None:
+        """Record a step of the connection."""
+        now, heard = time.time_ns(), self.heard
+        if event is WireEvent.OPENED:
+            if not self._opened:
+                self._opened, heard.handshake = True, self.link.last_received - self._began
+            recorder, ends = TRACE.get(), self.link.addresses
+            self._trace = WireTrace(recorder, *ends, now) if recorder and ends else None
+        elif event is WireEvent.RECEIVED:
+            heard.first_bytes = heard.first_bytes or data[:64]
+        heard.unreadable = heard.unreadable or self.link.statistics.last_bad_frame
+        if self._trace is not None and data:
+            self._trace.data(now, data, from_client=event is WireEvent.SENT)
+
+    def _finish(self) -> None:
+        if self._trace is not None:
+            self._trace.finish(time.time_ns(), from_client=not self.heard.ended)
+            self._trace = None
 
 
 @asynccontextmanager
-async def conversation(host: str, port: int) -> AsyncIterator[Conversation]:
-    """Connect to a port until the block ends. Raises NoConnectionError if that fails."""
-    began = asyncio.get_running_loop().time()
-    try:
-        async with asyncio.timeout(CONNECT_TIMEOUT_S):
-            reader, writer = await asyncio.open_connection(host, port)
-    except TimeoutError as error:
-        text = f'no answer within {CONNECT_TIMEOUT_S:g} s'
-        raise NoConnectionError(text, Refusal.DROPPED) from error
-    except (OSError, OverflowError, ValueError) as error:
-        raise NoConnectionError(reason(error), _refusal(error)) from error
-    for option, (level, value) in PROBES.items():
-        writer.get_extra_info('socket').setsockopt(level, option, value)
-    made = Conversation(reader, writer, asyncio.get_running_loop().time() - began)
-    try:
-        yield made
-    finally:
-        await made.close()
+async def conversation(
+    host: str, port: int, *, sends: bool = False
+) -> AsyncIterator[Conversation]:
+    """Connect to a port until the block ends. Raises NoConnectionError if that fails.
+
+    A server may need REOPENED_S to open its port again after another client has left, so a refused
+    connection is retried. sends: the server sends without a request, so a connection that it
+    closes first is retried, too.
+    """
+    clock = asyncio.get_running_loop().time
+    until = clock() + REOPENED_S
+    while True:
+        made = Conversation(host, port)
+        try:
+            try:
+                await made.connected()
+                if sends:
+                    await made.wait_for_traffic(lambda heard: heard.packets, FIRST_BYTES_S)
+                again = sends and made.heard.ended and not made.heard.first_bytes
+            except NoConnectionError as error:
+                if error.refusal is not Refusal.REFUSED or clock() > until:
+                    raise
+                again = True
+            if not again or clock() > until:
+                yield made
+                return
+        finally:
+            await made.close()
+        await asyncio.sleep(RETRY_S)
 
 
-def _refusal(error: Exception) -> Refusal:
+def refusal_of(error: BaseException | None) -> Refusal:
+    """Return the kind of a failed connection from its exception, None if it was closed."""
     if isinstance(error, socket.gaierror | UnicodeError):
         return Refusal.UNKNOWN_NAME
     number = error.errno if isinstance(error, OSError) else None
-    if number in (errno.ECONNREFUSED, errno.ECONNRESET):
+    if number in (errno.ECONNREFUSED, errno.ECONNRESET) or error is None:
         return Refusal.REFUSED
-    return Refusal.DROPPED if number == errno.ETIMEDOUT else Refusal.UNREACHABLE
+    dropped = number == errno.ETIMEDOUT or isinstance(error, TimeoutError)
+    return Refusal.DROPPED if dropped else Refusal.UNREACHABLE

@@ -134,7 +134,7 @@ async def _sends_state(host: str, port: int) -> bool:
 
 async def _answer_to_http(state: Conversation) -> bytes:
     with suppress(OSError):
-        await state.say(HTTP_QUESTION)
+        state.send_bytes(HTTP_QUESTION)
         await state.wait_for_traffic(lambda heard: heard.first_bytes, HTTP_ANSWER_S)
     return state.heard.first_bytes
 

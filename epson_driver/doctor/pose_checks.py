@@ -121,7 +121,7 @@ def _wrapped(angles: Array) -> Array:
 
 async def _standing(state: Conversation, joints: int) -> Array | None:
     """Return the current joints, or None if no state arrives or its values are not finite."""
-    if await state.next_packet(NEXT_STATE_TIMEOUT_S) is None:
+    if not await state.another_packet(NEXT_STATE_TIMEOUT_S):
         return None
     await asyncio.sleep(0.2)  # a joint state, not only a STATUS, has arrived by this time
     result = latest_joints(state.heard)

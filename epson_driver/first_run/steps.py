@@ -187,7 +187,7 @@ async def _ask_still(run: FirstRun) -> StepResult:
         conversation(host, port) as motion,
     ):
         await state.wait_for_traffic(lambda heard: heard.packets, 5.0)
-        motion.dialect = state.heard.packets[0][1].dialect
+        motion.link.dialect = state.heard.packets[0][1].dialect
         took, missing = [], 0
         for _ in range(REPLY_TRIES):
             began = asyncio.get_running_loop().time()

@@ -127,7 +127,7 @@ async def move_and_record(
     _check(here, targets, durations, model)
     first = len(state.heard.packets)
     made = TrialMove()
-    motion.dialect = state.heard.packets[-1][1].dialect
+    motion.link.dialect = state.heard.packets[-1][1].dialect
     stopping: asyncio.Task[None] | None = None
     try:
         ways = [(here, FIRST_DURATION_S), *zip(targets, durations, strict=True)]

@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 from epson_driver.simple_message import ByteOrder, FrameError, SimpleMessageError
+from epson_driver.socket_errors import reason
 
 SLICES = 8
 """Slices of a ReceiveTimeout. A stall of this process counts as at most one slice of silence."""
@@ -220,7 +221,7 @@ class Connection(asyncio.BufferedProtocol):
         else:
             if isinstance(exc, ConnectionResetError):
                 self._receivers.event(WireEvent.RESET)
-            self._finish(str(exc))
+            self._finish(reason(exc))
 
     # ----------------------------------------------------------------------------------------
 

@@ -53,6 +53,8 @@ class LinkStatistics:
     unsolicited_replies: int = 0
     bad_frames: Counter[str] = field(default_factory=Counter)
     """Invalid frames by their invalid field (`length`, `comm_type`, `body`, …)."""
+    last_bad_frame: str = ''
+    """Error text of the last invalid frame, or ''."""
     reply_latencies: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
     """Latest times from a request to its reply, s, in order of arrival."""
 
@@ -132,6 +134,8 @@ class Link:
         """Dialect of the last message sent on this connection, or None before the first."""
         self.attempt = 0
         """Connection attempts since the last connection longer than MIN_PROVEN_UPTIME_S."""
+        self.failure: Exception | None = None
+        """The exception of the last connection attempt that failed, or None."""
         self.joints_withheld = False
         """Whether the controller sends no joint positions in its present state, as expected."""
         self.last_received = 0.0
@@ -256,6 +260,7 @@ class Link:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 await loop.create_connection(lambda: connection, self.host, self.port)
         except (OSError, TimeoutError, ValueError) as error:  # ValueError: invalid host name
+            self.failure = error
             why = reason(error) or f'no answer within {CONNECT_TIMEOUT_S:g} s'
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
@@ -346,6 +351,7 @@ class Link:
     def _bad_frame(self, error: SimpleMessageError) -> None:
         self.statistics.frames_received += not isinstance(error, FrameError)
         self.statistics.bad_frames[error.field] += 1
+        self.statistics.last_bad_frame = str(error)
         level = logging.DEBUG if self._quiet else logging.WARNING
         line = self._log_throttle.line(str(error), self._now())
         if line is not None:

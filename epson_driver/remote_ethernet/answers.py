@@ -83,13 +83,24 @@ async def identity(ask: Ask, address: str) -> str:
     The type and the robot are omitted if they are missing or malformed. Raises the exceptions of
     `ask`, except RemoteError.
     """
-    result = _SIMULATED.fullmatch(await value_or_empty(ask, 'Sim,identity'))
-    if result:
-        simulated = '' if result[1] == 'simulated' else ' (simulated)'
-        return f'{result[1]}{simulated}, {result[2]}, {address}'
+    controller, robot, simulated = await ask_identity(ask)
+    if simulated and controller != 'simulated':
+        controller += ' (simulated)'
+    return ', '.join([*filter(None, (controller, robot)), address])
+
+
+async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
+    """Return type of controller, robot model, and whether the controller is simulated.
+
+    The type of a simulated controller is its profile. Unknown names are ''. Raises the exceptions
+    of `ask` except RemoteError.
+    """
+    if result := _SIMULATED.fullmatch(await value_or_empty(ask, 'Sim,identity')):
+        return result[1], result[2], True
     controller = await value_or_empty(ask, 'GetContType')
     robot = (await value_or_empty(ask, 'GetRobotInfo')).rpartition(',')[2]
-    return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])
+    names = [name if _NAME.fullmatch(name) else '' for name in (controller, robot)]
+    return names[0], names[1], False
 
 
 _SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}

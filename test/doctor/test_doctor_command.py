@@ -10,6 +10,8 @@ import types
 from pathlib import Path
 
 import pytest
+from rich.console import Console
+from support.api_harness import NO_ROS
 from support.sim_process import started
 
 from epson_driver.cli import doctor as command
@@ -154,7 +156,7 @@ def test_old_python_and_hanging_import_are_errors(monkeypatch):
 @pytest.fixture
 def called(monkeypatch, capsys):
     """Return a function that runs the command without the checks of this machine."""
-    monkeypatch.setattr(command, 'check_environment', lambda findings: None)
+    monkeypatch.setattr(command, 'check_environment', lambda findings: True)
 
     def call(*words, graph=None, moveit=None, drivers=()):
         """`graph`: output of the ROS graph process, by default with `moveit` and `drivers`."""
@@ -182,7 +184,7 @@ NAMES = list(load_robot_model('c3_a601s').joint_names)
     ],
 )
 def test_joints_of_moveit_are_compared_with_the_model(called, joints, code, message):
-    result, output = called(moveit=joints)
+    result, output = called('--all', moveit=joints)
     assert result == code
     assert message in output
 
@@ -233,7 +235,7 @@ def test_end_of_input_interrupts_the_command(called, monkeypatch):
 
     monkeypatch.setattr('builtins.input', ends)
     monkeypatch.setattr(command, 'check_controller', jogged)
-    assert called('127.0.0.1', '--jog')[0] == INTERRUPTED
+    assert called('127.0.0.1', '--jog', '--controller=simulated')[0] == INTERRUPTED
     assert asked == ['Jog J1']
 
 
@@ -249,10 +251,52 @@ def test_controller_is_examined_and_the_report_saved(tmp_path):
         process.terminate()
         process.wait()
     assert 'Traceback' not in run.stderr
-    assert 'state port' in run.stdout
+    assert 'controller: profile simulated, because' in run.stdout
+    assert 'also in order: state port, byte order' in run.stdout
     saved = text.read_text(encoding='utf-8')
     assert 'ok      byte order: little-endian, FLOAT32' in saved
-    assert 'skipped motion, I/O, remote port: not opened' in saved
+    assert 'skipped motion, I/O, remote port: not queried' in saved
+
+
+@pytest.mark.slow
+def test_controller_with_nothing_loaded_is_fine_without_ros():
+    process, ports = started('--controller=remote', '--robot=t6_602s')
+    words = [f'--{name}-port={ports[name]}' for name in ('state', 'remote')]
+    try:
+        run = doctor('127.0.0.1', *words, PYTHONPATH=str(NO_ROS))
+        every = doctor('127.0.0.1', '--all', *words, PYTHONPATH=str(NO_ROS))
+    finally:
+        process.terminate()
+        process.wait()
+    assert (run.returncode, run.stderr) == (0, '')
+    note, remedy, skipped, controller, fine, verdict = run.stdout.splitlines()
+    assert note.startswith('note    Remote Ethernet alone: only single joint moves')
+    assert remedy == '        → load the controller program for more'
+    assert skipped == 'skipped ROS: not installed. The Python API does not need it'
+    assert controller.startswith('ok      controller: profile remote, because')
+    assert f'port {ports["remote"]}: Remote Ethernet: remote, t6_602s' in controller
+    assert fine == 'ok      also in order: remote port, joints, the arm, Python'
+    assert verdict == 'nothing is wrong'
+    assert 'ok      joints: within the limits of a t6_602s: ' in every.stdout
+
+
+def test_worst_findings_come_first_and_without_ros_no_service_is_named(capsys):
+    findings = Findings(lambda finding: None)
+    findings.ok('a', 'fine')
+    findings.ok('b', 'fine')
+    findings.skipped('c', 'skipped')
+    findings.held('d', 'motors off', '~/enable')
+    findings.wrong('e', 'broken', 'mend it')
+    command._show(Console(highlight=False), findings, everything=False, ros=False)
+    assert [line.strip() for line in capsys.readouterr().out.splitlines()] == [
+        'wrong   e: broken',
+        '→ mend it',
+        'held    d: motors off',
+        '→ enable',
+        'skipped c: skipped',
+        'ok      a: fine',
+        'ok      also in order: b',
+    ]
 
 
 @pytest.mark.slow
@@ -274,10 +318,11 @@ def test_learned_profile_works_in_the_simulated_controller(tmp_path):
 @pytest.mark.slow
 def test_closed_state_port_is_an_error_with_exit_code_1(tmp_path):
     learned = tmp_path / 'x.yaml'
-    run = doctor('127.0.0.1', '--state-port', '1', '--learn', str(learned))
+    words = ('--controller=simulated', '--state-port', '1', '--learn', str(learned))
+    run = doctor('127.0.0.1', *words)
     assert run.returncode == 1
     message = 'state port: 127.0.0.1:1: the machine replies, but nothing listens at this port'
-    assert f'{message} (Connection refused)' in run.stdout
+    assert run.stdout.startswith(f'wrong   {message} (Connection refused)')
     assert '→ start the program on the controller' in run.stdout
     assert 'no profile is written' in run.stdout
     assert not learned.exists()

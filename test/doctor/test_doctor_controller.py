@@ -17,6 +17,7 @@ from epson_driver.doctor.asking import IO_KEYS
 from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import ARM, Findings, Level
 from epson_driver.doctor.learning import profile_text, unknown, value_of, why_not
+from epson_driver.link import Link
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
 from epson_driver.remote_ethernet.client import logged_in
@@ -214,13 +215,13 @@ def test_wrong_profile_is_reported_by_key():
 @pytest.mark.invariant(1)
 def test_only_the_state_port_is_opened_by_default(monkeypatch):
     opened = []
-    connect = asyncio.open_connection
+    connect = Link.run
 
-    async def seen(*where, **options):
-        opened.extend(where[1:])
-        return await connect(*where, **options)
+    async def seen(link):
+        opened.append(link.port)
+        await connect(link)
 
-    monkeypatch.setattr(asyncio, 'open_connection', seen)
+    monkeypatch.setattr(Link, 'run', seen)
     all_ports = []
 
     @contextlib.asynccontextmanager
@@ -276,7 +277,7 @@ def test_interrupted_stream_is_an_error_except_on_a_busy_machine(monkeypatch, la
     async def late(self):
         self.heard.lateness = lateness
 
-    monkeypatch.setattr(listening.Conversation, '_watch_lateness', late)
+    monkeypatch.setattr(listening.Conversation, '_ticks', late)
     _, findings = examined(prepare=silent)
     assert found_at(findings, level)['state port'].endswith('half-open')
     assert findings.exit_code == int(level is Level.WRONG)

@@ -4,6 +4,7 @@
 
 import asyncio
 import errno
+import os
 import random
 import socket
 import struct
@@ -23,6 +24,7 @@ from support.examples import one_in
 from epson_driver.doctor import listening
 from epson_driver.doctor.findings import Level
 from epson_driver.doctor.state_facts import rhythm
+from epson_driver.link.connection import Connection
 from epson_driver.simple_message import LITTLE_ENDIAN, IoInfo, encode, topic
 
 
@@ -124,7 +126,7 @@ def test_reason_of_a_failed_connection_is_reported(monkeypatch, error, sentence,
     async def fails(*_args, **_options):
         raise error
 
-    monkeypatch.setattr(listening.asyncio, 'open_connection', fails)
+    monkeypatch.setattr(asyncio.BaseEventLoop, 'create_connection', fails)
     result, remedies = state_port_errors(ScriptedPorts(state=silent))
     assert sentence in result[0]
     assert remedy in remedies[0]
@@ -133,15 +135,14 @@ def test_reason_of_a_failed_connection_is_reported(monkeypatch, error, sentence,
 
 def test_lost_machine_is_reported(monkeypatch):
     """TCP keepalive fails, for example because a cable is unplugged."""
-    read = asyncio.StreamReader.read
+    begin = Connection.start
 
-    async def gone(reader, count=-1):
-        if count != 65536:
-            return await read(reader, count)
-        await asyncio.sleep(0.7)
-        raise OSError(errno.ETIMEDOUT, 'Connection timed out')
+    def gone(connection):
+        begin(connection)
+        error = TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
+        asyncio.get_running_loop().call_later(0.7, connection.connection_lost, error)
 
-    monkeypatch.setattr(asyncio.StreamReader, 'read', gone)
+    monkeypatch.setattr(Connection, 'start', gone)
     result, remedies = state_port_errors(ScriptedPorts(state=sends(JOINTS, OFF)))
     assert 'half-open: the connection is up, but the machine is gone' in result[0]
     assert 'cable' in remedies[0]
@@ -187,10 +188,12 @@ def test_profile_fits_on_a_busy_machine(monkeypatch, seed):
     take = listening.Conversation._take
     late = {'until': 0.0}
 
-    def delayed(self, data, now):
+    def delayed(self, packet):
+        now = self.link.last_received
         if now > late['until']:
             late['until'] = now + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
-        take(self, data, max(now, late['until']))
+        self.link.last_received = max(now, late['until'])
+        take(self, packet)
 
     monkeypatch.setattr(listening.Conversation, '_take', delayed)
     from doctor.test_doctor_controller import examined as at_simulated

@@ -1,0 +1,65 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Arguments of the commands that talk to a controller: address, profile, model, ports."""
+
+import argparse
+
+from epson_driver.cli.arguments import DEFAULT_MODEL, add_password, add_ports, host
+from epson_driver.doctor.controller_checks import Question
+from epson_driver.doctor.look import Look, look_at
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
+    """Add the arguments. `address`: the help of the address, which may be missing."""
+    parser.add_argument('address', nargs='?', type=host, metavar='ADDRESS', help=address)
+    parser.add_argument(
+        '--controller',
+        metavar='PROFILE',
+        help='controller profile, such as remote or spel (default: the one that fits the ports '
+        'that answer)',
+    )
+    parser.add_argument(
+        '--robot',
+        metavar='MODEL',
+        help=f'robot model (default: the one that the controller reports, else {DEFAULT_MODEL})',
+    )
+    add_ports(parser, 'not used')
+    add_password(parser)
+
+
+async def look(arguments: argparse.Namespace) -> Look:
+    """Look at the controller. The profile and the model that were given replace those found."""
+    found = await look_at(
+        arguments.address, arguments.password, arguments.remote_port, arguments.state_port
+    )
+    found.model = arguments.robot or found.model
+    if arguments.controller:
+        found.profile, found.why = arguments.controller, 'it was given'
+    return found
+
+
+def question(
+    arguments: argparse.Namespace, seconds: float, may_ask: bool = False, may_use_io: bool = False
+) -> Question:
+    """Return the checks for the arguments. Raises OSError or InputError for a wrong name."""
+    profile = load_controller_profile(arguments.controller)
+
+    def port(name: str) -> int:
+        given = getattr(arguments, f'{name}_port')
+        return int(getattr(profile.ports, name) if given is None else given)
+
+    return Question(
+        host=arguments.address,
+        profile=profile,
+        model=load_robot_model(arguments.robot or DEFAULT_MODEL),
+        state_port=port('state'),
+        motion_port=port('motion'),
+        io_port=port('io'),
+        remote_port=port('remote'),
+        password=arguments.password,
+        seconds=seconds,
+        may_ask=may_ask,
+        may_use_io=may_use_io,
+    )

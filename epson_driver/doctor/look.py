@@ -1,0 +1,165 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The first look at a controller: the ports that answer, the profile that fits, the robot model.
+
+Only the remote port and the state ports are opened. A client that leaves a motion or I/O port may
+stop the arm or change outputs.
+"""
+
+import asyncio
+from dataclasses import dataclass, field
+
+from epson_driver.doctor.findings import Findings
+from epson_driver.doctor.learning import differences
+from epson_driver.doctor.listening import (
+    NoConnectionError,
+    ReceivedTraffic,
+    Refusal,
+    conversation,
+    refusal_of,
+)
+from epson_driver.doctor.port_checks import REFUSALS, has_joints
+from epson_driver.doctor.state_facts import state_facts
+from epson_driver.profiles import load_controller_profile
+from epson_driver.remote_ethernet.answers import ask_identity
+from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
+from epson_driver.robots.catalogue import model_name
+
+REMOTE_PORT = 5000
+STATE_PORTS = {
+    11002: ('spel', 'simulated', 'generic', 'abb', 'fanuc'),
+    50241: ('motoman',),
+}
+"""Profiles of controllers without Remote Ethernet, by their usual state port."""
+
+WITH_REMOTE = ('spel', 'rc700a')
+"""Profiles of controllers with Remote Ethernet and a program."""
+
+TIMEOUT_S = 3.0
+ENOUGH_PACKETS = 60
+NO_ANSWER = {
+    Refusal.UNKNOWN_NAME: 'unknown name',
+    Refusal.REFUSED: 'nothing listens',
+    Refusal.DROPPED: 'no reply',
+    Refusal.UNREACHABLE: 'no route',
+}
+
+NOTHING_LISTENS = (
+    'in RC+ set the control device to Remote Ethernet, port 5000, or start the program on the '
+    'controller'
+)
+
+
+@dataclass
+class Look:
+    """The services that answer at an address, with the profile and the model that fit.
+
+    profile, model: names, or '' if unknown. why: the reason for the profile. answers: a clause for
+    each port. simulated: whether the controller reports that it is simulated.
+    """
+
+    host: str
+    remote_port: int
+    state_port: int = 0
+    profile: str = ''
+    model: str = ''
+    why: str = ''
+    simulated: bool = False
+    answers: dict[int, str] = field(default_factory=dict)
+    refusals: list[Refusal] = field(default_factory=list)
+    trouble: tuple[str, str] = ('', '')
+    """Error text of the remote port and its remedy, or two empty texts."""
+
+
+async def look_at(
+    host: str, password: str = '', remote_port: int | None = None, state_port: int | None = None
+) -> Look:
+    """Look at a controller. A port of None is the usual one, of 0 is not opened."""
+    look = Look(host, REMOTE_PORT if remote_port is None else remote_port)
+    states = STATE_PORTS if state_port is None else {state_port: STATE_PORTS[11002]}
+    listening = asyncio.gather(*(_listen(look, port) for port in states if port))
+    controller, heard = await asyncio.gather(_ask_remote(look, password), listening)
+    remote = controller is not None
+    for (port, profiles), traffic in zip(states.items(), heard, strict=False):
+        if traffic is not None and not look.state_port:
+            look.state_port = port
+            look.profile = _nearest(traffic, WITH_REMOTE if remote else profiles)
+            look.why = f'joint states arrive at port {port}'
+    if remote and not look.state_port:
+        look.profile = 'remote'
+        look.why = 'Remote Ethernet answers, and no program sends joint states'
+    if controller:
+        look.simulated, look.profile = True, controller
+        look.why = 'the simulated controller reports it'
+    return look
+
+
+async def _ask_remote(look: Look, password: str) -> str | None:
+    """Ask the remote port. Returns None without an answer, else a simulation's profile or ''."""
+    port = look.remote_port
+    if not port:
+        return None
+    try:
+        async with logged_in(look.host, port, TIMEOUT_S, password) as ask:
+            controller, robot, simulated = await ask_identity(ask)
+    except RemoteError as error:
+        look.answers[port] = f'Remote Ethernet: {error.meaning}'
+        look.trouble = look.answers[port], 'give the password of RC+: --password'
+        return None
+    except HungUpError as error:
+        look.answers[port] = f'{error}, so another client may be connected'
+        look.trouble = look.answers[port], 'stop the other client, which may be the driver'
+        return None
+    except (TimeoutError, ConnectionError) as error:
+        cause = error if isinstance(error, TimeoutError) else error.__cause__
+        look.answers[port] = NO_ANSWER[refusal_of(cause)] if cause else str(error)
+        look.refusals.append(refusal_of(cause))
+        return None
+    look.answers[port] = f'Remote Ethernet: {", ".join(filter(None, (controller, robot)))}'
+    try:
+        look.model = model_name(robot) if robot else ''
+    except FileNotFoundError:
+        look.answers[port] += ', a model that is not known'
+    return controller if simulated else ''
+
+
+async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
+    """Return the traffic of a state port, or None if no joint states arrive."""
+    try:
+        async with conversation(look.host, port, sends=True) as state:
+            await state.wait_for_traffic(lambda it: len(it.packets) >= ENOUGH_PACKETS, TIMEOUT_S)
+    except NoConnectionError as error:
+        look.answers[port] = NO_ANSWER[error.refusal]
+        look.refusals.append(error.refusal)
+        return None
+    if has_joints(state.heard):
+        look.answers[port] = 'joint states'
+        return state.heard
+    look.answers[port] = state.heard.ended or 'something else than a robot controller'
+    return None
+
+
+def _nearest(traffic: ReceivedTraffic, names: tuple[str, ...]) -> str:
+    """Return the first of the profiles with the fewest differences to the traffic."""
+    facts = state_facts(traffic)
+    return min(names, key=lambda name: len(differences(facts, load_controller_profile(name))))
+
+
+def tell_look(look: Look, findings: Findings) -> bool:
+    """Report what a look found. Returns whether there is a controller to check."""
+    ports = ', '.join(f'port {port}: {answer}' for port, answer in sorted(look.answers.items()))
+    if not look.profile:
+        if look.trouble[0]:
+            findings.wrong('remote port', *look.trouble)
+        else:
+            text, remedy = f'no controller answers ({ports})', NOTHING_LISTENS
+            if look.refusals and Refusal.REFUSED not in look.refusals:
+                text, remedy = REFUSALS[look.refusals[0]]
+            findings.wrong('controller', f'{look.host}: {text}', remedy)
+        return False
+    findings.ok('controller', f'profile {look.profile}, because {look.why} ({ports})')
+    if look.trouble[0]:
+        findings.note('remote port', *look.trouble)
+    if not look.model:
+        findings.note('model', 'the controller does not report it', 'give it: --robot MODEL')
+    return True

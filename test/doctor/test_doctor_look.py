@@ -1,0 +1,124 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The first look at a controller: which profile and model fit the ports that answer."""
+
+import re
+
+import pytest
+from doctor.test_doctor_questions import ScriptedPorts, answers_once, silent
+from support.driver_harness import simulated
+from support.event_loop import run
+from support.sim_process import vacant_port
+
+from epson_driver.doctor.findings import Findings, Level
+from epson_driver.doctor.look import look_at, tell_look
+from epson_driver.link import Link
+from epson_driver.remote_ethernet import answers
+from epson_driver.remote_ethernet.client import logged_in
+
+
+def looked(profile, *, remote=True, real=False, monkeypatch=None, model=None):
+    """Return a look at a simulated controller. real: it does not report that it is simulated."""
+    if real:
+        monkeypatch.setattr(answers, '_SIMULATED', re.compile('never'))
+    result = []
+
+    async def scenario():
+        async with simulated(profile=profile, model=model) as (_, ports):
+            port = ports.remote if remote else 0
+            result.append(await look_at('127.0.0.1', '', port, ports.state))
+
+    run(scenario(), 60.0)
+    return result[0]
+
+
+def findings_of(look):
+    findings = Findings(lambda finding: None)
+    return tell_look(look, findings), {item.level: item for item in findings.all}
+
+
+@pytest.mark.parametrize('profile', ['remote', 'spel', 'simulated'])
+def test_simulated_controller_reports_its_profile_and_model(profile):
+    look = looked(profile, model='t6_602s')
+    assert (look.profile, look.model, look.simulated) == (profile, 't6_602s', True)
+
+
+@pytest.mark.parametrize('profile', ['remote', 'spel', 'rc700a'])
+def test_real_controller_with_remote_ethernet_is_identified(monkeypatch, profile):
+    look = looked(profile, real=True, monkeypatch=monkeypatch, model='t6_602s')
+    assert (look.profile, look.model, look.simulated) == (profile, 't6_602s', False)
+
+
+@pytest.mark.parametrize('profile', ['simulated', 'generic', 'abb', 'fanuc'])
+def test_controller_without_remote_ethernet_is_identified_by_its_messages(profile):
+    look = looked(profile, remote=False)
+    assert (look.profile, look.model) == (profile, '')
+    good, found = findings_of(look)
+    assert good
+    assert found[Level.NOTE].remedy == 'give it: --robot MODEL'
+
+
+def test_unknown_model_is_not_taken_over(monkeypatch):
+    monkeypatch.setattr('epson_driver.doctor.look.model_name', _unknown)
+    look = looked('remote', real=True, monkeypatch=monkeypatch)
+    assert look.model == ''
+    assert 'a model that is not known' in next(iter(look.answers.values()))
+
+
+def _unknown(name):
+    raise FileNotFoundError(name)
+
+
+@pytest.mark.invariant(1)
+def test_inv1_only_remote_and_state_ports_are_opened(monkeypatch):
+    opened = []
+    connect = Link.run
+
+    async def seen(link):
+        opened.append(link.port)
+        await connect(link)
+
+    monkeypatch.setattr(Link, 'run', seen)
+    look = looked('spel')
+    assert set(opened) == {look.state_port}
+
+
+@pytest.mark.parametrize(
+    ('talk', 'text', 'remedy'),
+    [
+        (answers_once(b'!Login,13\r\n'), 'the password is wrong', '--password'),
+        (silent, 'no reply', 'control device to Remote Ethernet'),
+        (None, 'no controller answers', 'control device to Remote Ethernet'),
+    ],
+    ids=['password', 'silent', 'closed'],
+)
+def test_controller_that_cannot_be_identified_is_wrong(talk, text, remedy):
+    result = []
+
+    async def scenario():
+        async with ScriptedPorts(**({} if talk is None else {'remote': talk})) as ports:
+            remote = ports.get('remote', vacant_port())
+            result.append(await look_at('127.0.0.1', 'secret', remote, vacant_port()))
+
+    run(scenario(), 60.0)
+    good, found = findings_of(result[0])
+    assert not good
+    assert text in found[Level.WRONG].found
+    assert remedy in found[Level.WRONG].remedy
+    assert 'secret' not in str(found)
+
+
+def test_other_client_of_the_remote_port_is_named():
+    result = []
+
+    async def scenario():
+        async with (
+            simulated(profile='remote') as (_, ports),
+            logged_in('127.0.0.1', ports.remote, 1000.0),
+        ):
+            result.append(await look_at('127.0.0.1', '', ports.remote, ports.state))
+
+    run(scenario(), 60.0)
+    good, found = findings_of(result[0])
+    assert not good
+    assert 'another client may be connected' in found[Level.WRONG].found
