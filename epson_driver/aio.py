@@ -65,8 +65,10 @@ READY_TIMEOUT_S = 10.0
 class Robot(Motions, Streams):
     """An arm and its controller. `async with Robot(…) as robot:` connects and closes it.
 
-    controller, model: names from config/controllers and config/robots, or paths to files. Ports
-    default to those of the controller's profile. An `io_port` or `remote_port` of 0 is not used.
+    host: the address of the controller, or a robot.yaml of `epson_driver connect`, which has the
+    address, the profile and the model. controller, model: names from config/controllers and
+    config/robots (default: simulated and c3_a601s), or paths to files. Ports default to those of
+    the controller's profile. An `io_port` or `remote_port` of 0 is not used.
     enable: whether `connect` also enables the arm. Raises ValueError if an argument or a file is
     invalid, FileNotFoundError if a file does not exist.
     """
@@ -76,8 +78,8 @@ class Robot(Motions, Streams):
         self,
         host: str = '127.0.0.1',
         *,
-        controller: str = 'simulated',
-        model: str = 'c3_a601s',
+        controller: str | None = None,
+        model: str | None = None,
         motion_port: int | None = None,
         state_port: int | None = None,
         io_port: int | None = None,

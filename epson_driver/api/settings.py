@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from epson_driver.driver.io.gripper_wiring import GripperWiring
+from epson_driver.setup.robot_file import robot_settings
 from epson_driver.setup.table import ROWS, is_a
 
 ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
@@ -70,21 +71,20 @@ _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
 def parameter_values(
-    settings: Settings, host: str, controller: str, model: str, **ports: int | None
+    settings: Settings, host: str, controller: str | None, model: str | None, **ports: int | None
 ) -> dict[str, Any]:
     """Return the settings and the arguments of a Robot by ROS parameter name.
 
-    A port of None is left out, because the profile has its default. Raises ValueError if an
+    host: an address or a robot's file. An argument of None is left out, because the file, the
+    profile or the table has its default. Raises ValueError if an
     argument is invalid.
     """
-    values: dict[str, Any] = {}
-    given_ports = {name: port for name, port in ports.items() if port is not None}
-    for name, value in {
-        'host': host,
-        'controller': controller,
-        'model': model,
-        **given_ports,
-    }.items():
+    in_file = isinstance(host, str) and host.endswith('.yaml')
+    values = robot_settings(host) if in_file else {}
+    arguments = {'host': None if in_file else host, 'controller': controller, 'model': model}
+    for name, value in {**arguments, **ports}.items():
+        if value is None:
+            continue
         row = ROWS[ARGUMENTS.get(name, name)]
         row.allowed.checked(value, name)
         values[row.name] = value

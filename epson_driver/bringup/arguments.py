@@ -23,6 +23,12 @@ class Argument:
 
 TABLE = (
     Argument(
+        'robot',
+        '',
+        'File of `epson_driver connect` with address, profile, model and ports, robot.yaml. Other '
+        'arguments override it (empty: none).',
+    ),
+    Argument(
         'robot_ip',
         '',
         'IP address of the robot controller (empty: from params_file, else 127.0.0.1).',

@@ -10,8 +10,10 @@ from epson_driver.bringup.params_file import file_parameters
 from epson_driver.inputs import HOST, JOINT_NAMES, count
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.setup.robot_file import robot_settings
 
 INTERFACE = (
+    'robot',
     'robot_ip',
     'robot_model',
     'controller',
@@ -53,6 +55,7 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     the model cannot be read, InputError if an address, prefix or port is invalid, and the
     exceptions of `file_parameters`.
     """
+    values = _with_robot(values)
     prefix = values['tf_prefix']
     resolved = effective(values)
     joints = load_robot_model(resolved['robot_model']).joint_names
@@ -70,12 +73,19 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     return parameters | {name: _port(name, port) for name, port in ports if port}
 
 
+def _with_robot(values: Mapping[str, str]) -> dict[str, str]:
+    """Return the launch arguments, with empty ones replaced by the values of the robot's file."""
+    own = robot_settings(values['robot']) if values.get('robot') else {}
+    return dict(values) | {name: str(own[name]) for name in own if not values.get(name)}
+
+
 def effective(values: Mapping[str, str]) -> dict[str, str]:
     """Return the launch arguments, with empty ones replaced by the values in params_file.
 
     An empty robot_model is replaced by DEFAULT_MODEL if params_file has none. Raises the
     exceptions of `file_parameters`.
     """
+    values = _with_robot(values)
     path = values['params_file']
     file_values = file_parameters(path, values['namespace']) if path else {}
     names = (*FORWARDED, *PORTS)

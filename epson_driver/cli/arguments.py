@@ -8,11 +8,13 @@ argparse exits with code 2 and names the argument if a type rejects its value.
 import argparse
 import errno
 import math
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from epson_driver.inputs import HOST, Rule, count, printable, shown
+from epson_driver.inputs import HOST, InputError, Rule, count, printable, shown
+from epson_driver.setup.robot_file import is_robot_file, robot_settings
 
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
 FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
@@ -80,7 +82,41 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
     return read
 
 
-host = argument(HOST, str)
+def host(text: str) -> str:
+    """Return the address of a controller."""
+    if text.endswith('.yaml'):
+        raise argparse.ArgumentTypeError(f'{printable(text)}: must be a file made by connect')
+    return str(argument(HOST, str)(text))
+
+
+def parsed(
+    parser: argparse.ArgumentParser, words: Sequence[str] | None = None
+) -> argparse.Namespace:
+    """Return the parsed arguments of a command that accepts robot.yaml.
+
+    A robot's file replaces an address, or the model after --robot. Its other values replace the
+    parser's defaults.
+    """
+    words = list(sys.argv[1:] if words is None else words)
+    end = words.index('--') if '--' in words else len(words)
+    for index, word in enumerate(words[:end]):
+        option, _, name = word.rpartition('=')
+        if not is_robot_file(name):
+            continue
+        try:
+            settings = robot_settings(name)
+        except InputError as error:
+            parser.error(str(error))
+        option = option or (words[index - 1] if index else '')
+        key = 'robot_model' if option == '--robot' else 'robot_ip'
+        words[index] = f'{word[: -len(name)]}{settings.get(key, DEFAULT_MODEL)}'
+        defaults = settings | {'robot': settings.get('robot_model')}
+        if option == '--host' and settings.get('remote_port'):
+            defaults['port'] = settings['remote_port']
+        parser.set_defaults(
+            **{name: value for name, value in defaults.items() if value is not None}
+        )
+    return parser.parse_args(words)
 
 
 def define(text: str) -> tuple[str, str]:

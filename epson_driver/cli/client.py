@@ -12,12 +12,16 @@ from rclpy.utilities import remove_ros_args
 from epson_driver.cli.arguments import help_texts
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
+from epson_driver.setup.robot_file import is_robot_file, robot_settings
 from epson_driver.setup.table import ROWS
 
 
 def main() -> int:
     """Run the nodes until SIGINT or SIGTERM, and return the exit code."""
     try:
+        if is_robot_file(sys.argv[1] if len(sys.argv) > 1 else ''):
+            robot_settings(sys.argv[1])
+            sys.argv[1:2] = ['--ros-args', '--params-file', sys.argv[1], '--']
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
     except (RuntimeError, ValueError) as error:  # from rcl. ValueError: not valid text
         print(f'epson_driver client: {printable(error)}', file=sys.stderr)
@@ -31,6 +35,7 @@ def _namespaces(arguments: Sequence[str]) -> list[str]:
         **help_texts(
             'Run the ROS 2 node that drives a controller, or one node per --namespace.',
             (
+                'client robot.yaml',
                 'client --ros-args -p robot_ip:=192.168.0.1 -p controller:=rc700a',
                 'client --namespace left --namespace right --ros-args --params-file FILE',
             ),

@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import add_controller, add_robot, help_texts, page, picture
+from epson_driver.cli.arguments import add_controller, add_robot, help_texts, page, parsed, picture
 from epson_driver.demo.run import run
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
@@ -119,7 +119,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         '--panel', action='store_true', help='like --stay, but fail without the panel'
     )
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     arguments.report = arguments.report or arguments.picture.with_suffix('.html')
     try:
         arguments.model = load_robot_model(arguments.robot)

@@ -20,7 +20,7 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from epson_driver.cli.arguments import DEFAULT_MODEL, argument, help_texts
+from epson_driver.cli.arguments import DEFAULT_MODEL, argument, help_texts, parsed
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, check_controller
 from epson_driver.doctor.environment import check_environment
@@ -57,7 +57,7 @@ def main() -> int:
     0: nothing is wrong and nothing inhibits motion. 1: something is or does. 130: Ctrl-C.
     """
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     if arguments.address is None and (arguments.learn or arguments.ask or arguments.jog):
         parser.error('--learn, --ask and --jog need the address of a controller')
     if arguments.learn and arguments.learn.exists():

@@ -21,6 +21,7 @@ from epson_driver.cli.arguments import (
     add_robot,
     argument,
     help_texts,
+    parsed,
     with_start_joined,
 )
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
@@ -43,7 +44,7 @@ def main() -> int:
     0: it finished or gave up with a reason in every case. 1: it did not. 2: it could not run.
     """
     parser = _parser()
-    arguments = parser.parse_args(with_start_joined(sys.argv[1:]))
+    arguments = parsed(parser, with_start_joined(sys.argv[1:]))
     if arguments.list:
         for name, case in CASES.items():
             print(f'{name:18} {case.what}')

@@ -7,7 +7,7 @@ import asyncio
 import sys
 from contextlib import suppress
 
-from epson_driver.cli.arguments import PORT, add_password, argument, help_texts, host
+from epson_driver.cli.arguments import PORT, add_password, argument, help_texts, host, parsed
 from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
@@ -92,7 +92,7 @@ def main() -> int:
         help='time limit, s (default: %(default)g)',
     )
     parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     message, address = ' '.join(arguments.words), f'{arguments.host}:{arguments.port}'
     if message == KINDS:
         print(describe())

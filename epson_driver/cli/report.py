@@ -5,7 +5,7 @@
 import argparse
 from pathlib import Path
 
-from epson_driver.cli.arguments import add_controller, add_robot, help_texts
+from epson_driver.cli.arguments import add_controller, add_robot, help_texts, parsed
 from epson_driver.cli.arguments import page as page_path
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
@@ -23,7 +23,7 @@ INSTALL = "pip install 'epson_driver[report]'"
 def main() -> int:
     """Write the reports and return 0. Exits with 2 if a file cannot be reported on."""
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     if arguments.compare and len(arguments.files) != 2:
         parser.error(f'--compare needs two files, not {len(arguments.files)}')
     single = len(arguments.files) == 1 or arguments.compare

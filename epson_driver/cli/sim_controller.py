@@ -26,6 +26,7 @@ from epson_driver.cli.arguments import (
     help_texts,
     host,
     if_in_use,
+    parsed,
     with_start_joined,
 )
 from epson_driver.first_run.book import likeness, load
@@ -65,7 +66,7 @@ SEED = count(0, 2**63 - 1)
 def main() -> int:
     """Run until SIGINT or SIGTERM, and return 0. Returns 1 if a port or the planner fails."""
     parser = _parser()
-    args = parser.parse_args(with_start_joined(sys.argv[1:]))
+    args = parsed(parser, with_start_joined(sys.argv[1:]))
     try:
         if args.profile_from is not None:
             first_run = likeness(load(args.profile_from))

@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import add_robot, argument, help_texts, picture
+from epson_driver.cli.arguments import add_robot, argument, help_texts, parsed, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE
@@ -49,7 +49,7 @@ class _PlanError(ValueError):
 def main() -> int:
     """Smooth a file. Returns 0, or 2 if the plan cannot be smoothed, or 130 after Ctrl-C."""
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     try:
         return _run(arguments)
     except (OSError, InputError, _PlanError) as error:

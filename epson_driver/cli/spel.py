@@ -16,6 +16,7 @@ from epson_driver.cli.arguments import (
     argument,
     define,
     help_texts,
+    parsed,
 )
 from epson_driver.cli.problem_formats import FORMATS, FOUND, placed
 from epson_driver.inputs import InputError, Rule, count, number, shown
@@ -36,7 +37,7 @@ STDIN = 'stdin.prg'
 def main() -> int:
     """Run the subcommand, and return its exit code."""
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
     try:
         run: int = arguments.run(arguments)
     except BrokenPipeError:

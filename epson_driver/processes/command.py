@@ -79,6 +79,7 @@ def open_closed_streams() -> None:
 
 
 EXECUTABLES = {
+    'connect': 'find out what a controller and its robot are, and write it to robot.yaml',
     'client': 'run the ROS 2 node: joint states, robot status, FollowJointTrajectory',
     'sim_controller': 'simulate an EPSON controller',
     'demo': 'execute a planned trajectory on a simulated robot, and report on it',

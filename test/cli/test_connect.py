@@ -1,0 +1,193 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver connect`, and the commands that accept its robot.yaml."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.sim_process import started, vacant_port
+
+from epson_driver import Robot
+from epson_driver.api.errors import ArgumentError
+from epson_driver.bringup import client_parameters, controller_arguments, launch_arguments
+from epson_driver.bringup.client import INTERFACE
+from epson_driver.cli import connect
+from epson_driver.inputs import InputError
+from epson_driver.setup.robot_file import KEYS, is_robot_file, robot_settings, robot_text
+
+T6 = {'robot_ip': '127.0.0.1', 'controller': 'remote', 'robot_model': 't6_602s'}
+
+
+def command(*words, cwd=None):
+    return subprocess.run(
+        [sys.executable, '-m', 'epson_driver.cli', *words],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        cwd=cwd,
+        env=os.environ | {'COLUMNS': '200'},
+    )
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return a robot's file."""
+    path = tmp_path / 'robot.yaml'
+    path.write_text(robot_text(T6 | {'remote_port': 5001}, 'made by a test'))
+    return path
+
+
+@contextlib.contextmanager
+def controller(*words):
+    process, ports = started(*words)
+    try:
+        yield ports
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('profile', ['remote', 'spel', 'simulated'])
+def test_file_of_connect_is_accepted_by_doctor_pendant_and_python(tmp_path, profile):
+    with controller(f'--controller={profile}', '--robot=t6_602s') as ports:
+        words = [f'--{name}-port={port}' for name, port in ports.items()]
+        made = command('connect', '127.0.0.1', *words, cwd=tmp_path)
+        assert made.returncode == 0, made.stdout + made.stderr
+        settings = robot_settings(str(tmp_path / 'robot.yaml'))
+        assert settings == T6 | {'controller': profile} | {
+            f'{name}_port': port for name, port in ports.items()
+        }
+        assert f'written: robot.yaml, t6_602s with the profile {profile}' in made.stdout
+        doctor = command('doctor', 'robot.yaml', '--all', '--seconds=2', cwd=tmp_path)
+        assert 'within the limits of a t6_602s' in doctor.stdout, doctor.stderr
+        assert not [line for line in doctor.stdout.splitlines() if line.startswith('wrong')]
+        pendant = command('pendant', '--host=robot.yaml', 'status', cwd=tmp_path)
+        assert 't6_602s' in pendant.stdout, pendant.stderr
+        with Robot(str(tmp_path / 'robot.yaml')) as robot:
+            assert robot.model.name == 't6_602s'
+            assert len(robot.joints) == 4
+    again = command('connect', '127.0.0.1', cwd=tmp_path)
+    assert (again.returncode, 'robot.yaml exists' in again.stderr) == (2, True)
+
+
+@pytest.mark.slow
+def test_connect_without_a_controller_writes_nothing(tmp_path):
+    port = vacant_port()
+    words = ('connect', '127.0.0.1', f'--remote-port={port}', f'--state-port={port}')
+    run = command(*words, cwd=tmp_path)
+    assert run.returncode == 1
+    assert run.stdout.startswith('wrong   controller: 127.0.0.1: no controller answers (')
+    assert '→ in RC+ set the control device to Remote Ethernet' in run.stdout
+    assert not list(tmp_path.iterdir())
+    assert 'Traceback' not in run.stderr
+
+
+@pytest.mark.slow
+def test_connect_without_a_reported_model_asks_for_it(tmp_path):
+    with controller('--controller=fanuc') as ports:
+        words = ('connect', '127.0.0.1', '--remote-port=0', f'--state-port={ports["state"]}')
+        run = command(*words, cwd=tmp_path)
+        assert run.returncode == 1
+        assert 'give it: --robot MODEL' in run.stdout
+        run = command(*words, '--robot=LS6-602S', '--file=cell.yaml', cwd=tmp_path)
+    assert run.returncode == 0
+    settings = robot_settings(str(tmp_path / 'cell.yaml'))
+    assert (settings['controller'], settings['robot_model']) == ('fanuc', 'ls6_602s')
+
+
+def test_connect_without_an_address_explains_how_to_find_it(monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['connect'])
+    assert connect.main() == 2
+    error = capsys.readouterr().err
+    assert 'ip neigh' in error
+    assert 'epson_driver connect ADDRESS' in error
+
+
+def test_simulation_of_a_robot_file_and_explicit_options(file, monkeypatch, capsys):
+    from epson_driver.cli.arguments import parsed
+    from epson_driver.cli.sim_controller import _parser
+
+    arguments = parsed(_parser(), ['--robot', str(file)])
+    assert (arguments.robot, arguments.controller) == ('t6_602s', 'remote')
+    assert arguments.remote_port == 5001
+    arguments = parsed(_parser(), [f'--robot={file}', '--controller=spel', '--remote-port=7'])
+    assert (arguments.controller, arguments.remote_port) == ('spel', 7)
+    with pytest.raises(SystemExit, match='2'):
+        parsed(_parser(), ['--host', str(file.with_name('other.yaml'))])
+    assert 'must be a file made by connect' in capsys.readouterr().err
+
+
+def test_launch_argument_robot_fills_the_empty_arguments(file):
+    values = {item['name']: item['default_value'] for item in launch_arguments(*INTERFACE)}
+    values |= {'interface': '', 'robot': str(file)}
+    assert client_parameters(values) == T6 | {'remote_port': 5001}
+    given = client_parameters(values | {'controller': 'spel', 'remote_port': '6'})
+    assert given == T6 | {'controller': 'spel', 'remote_port': 6}
+    assert '--remote-port' in controller_arguments(values)
+
+
+def test_python_arguments_override_the_file(file):
+    robot = Robot(str(file), controller='spel')
+    assert 'spel, t6_602s' in repr(robot)
+    with pytest.raises(ArgumentError, match='No such file'):
+        Robot(str(file.with_name('other.yaml')))
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('/**:\n  x: 1\n', 'must have /**, ros__parameters and robot_ip'),
+        ('/**:\n  ros__parameters: {robot_ip: 7}\n', 'robot_ip = 7: must be an IP address'),
+        (
+            '/**:\n  ros__parameters: {robot_ip: a, joint_signs: [1]}\n',
+            f'joint_signs = [1]: must be one of {", ".join(KEYS)}',
+        ),
+        ('/**:\n  ros__parameters: {robot_ip: a, io_port: -1}\n', 'io_port = -1: must be'),
+        ('/**: [\n', 'not YAML'),
+    ],
+)
+def test_wrong_file_is_one_sentence_with_file_and_rule(tmp_path, capsys, text, message):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(text)
+    assert is_robot_file(str(path))
+    with pytest.raises(InputError) as error:
+        robot_settings(str(path))
+    assert message in str(error.value)
+    assert str(error.value).startswith(str(path))
+
+
+def test_other_yaml_files_are_no_robot_files(tmp_path):
+    path = tmp_path / 'model.yaml'
+    path.write_text('like: t6_602s\n')
+    assert not is_robot_file(str(path))
+    assert not is_robot_file(str(tmp_path))
+    assert not is_robot_file(str(Path('no.yaml')))
+
+
+def test_ctrl_c_during_the_look_ends_without_a_traceback(tmp_path):
+    program = (
+        'import asyncio, os, signal, sys\n'
+        'from epson_driver.cli import __main__ as main, connect\n'
+        'async def look(arguments):\n'
+        '    os.kill(os.getpid(), signal.SIGINT)\n'
+        '    await asyncio.sleep(60)\n'
+        'connect.look = look\n'
+        'sys.argv = ["epson_driver", "connect", "127.0.0.1"]\n'
+        'sys.exit(main.main())\n'
+    )
+    run = subprocess.run(
+        [sys.executable, '-c', program],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert (run.returncode, run.stderr) == (130, '')
