@@ -83,14 +83,10 @@ class PanelClient:
         self.close()
 
     def close(self) -> None:
-        self.freeze()
-        self._socket.close()
-        self._threads[0].join(PATIENCE)
-
-    def freeze(self) -> None:
-        """Stop the heartbeat, like a page that hangs. The websocket stays open."""
         self._closed.set()
         self._threads[1].join(PATIENCE)
+        self._socket.close()
+        self._threads[0].join(PATIENCE)
 
     def ask(self, word: str, **more: Any) -> None:
         """Send a request, as the page does."""
