@@ -34,7 +34,6 @@ from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.remedy import Remedy
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_process import RosLogHandler
-from epson_driver.processes import processes
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
@@ -276,59 +275,6 @@ async def test_lost_motion_link_ends_the_goal_and_keeps_the_status():
         assert 'the motion link was lost' in harness.gate
         later = [status for _, status in harness.events.statuses[before:]]
         assert Status() not in later  # the state link stays connected
-
-
-@pytest.mark.invariant(4, 6)
-@pytest.mark.slow
-def test_inv4_inv6_restarted_controller_moves_nothing_before_enable(tmp_path):
-
-    async def scenario():
-        process, ports = await asyncio.to_thread(_started, tmp_path / 'first.log')
-        again = None
-        try:
-            async with Harness(ports) as harness:
-                await harness.ready()
-                await harness.commands.enable()
-                goal = harness.submit(pose(1.0))
-                await harness.until_moving()
-                killed = now()
-                process.kill()
-                outcome = await goal.end()
-                assert goal.ended_at - killed < 0.5
-                assert 'link was lost' in outcome.text
-                assert 'link was lost' in harness.gate
-                await until(lambda: harness.driver.robot.sample is None)
-                assert harness.driver.robot.status is None
-                assert 'not enabled' in harness.submit(pose(0.5), start=pose()).outcome.text
-                await until(lambda: not harness.driver.motion_link.connected)
-                down = now()
-                samples = len(harness.events.samples)
-                await asyncio.sleep(2.3)
-                assert len(harness.events.samples) == samples
-                statuses = [item for item in harness.events.statuses if item[0] >= down]
-                assert {status for _, status in statuses} == {Status()}
-                times = [down, *(time for time, _ in statuses), now()]
-                assert max(b - a for a, b in pairwise(times)) < 1.3
-                again, _ = await asyncio.to_thread(_started, tmp_path / 'again.log', ports)
-                back = now()
-                await harness.ready()
-                assert now() - back < 2.0
-                assert 'link was lost' in harness.gate
-                assert 'not enabled' in harness.submit(pose(0.5)).outcome.text
-                assert await harness.rests()
-                await harness.commands.enable()
-                assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
-        finally:
-            for controller in (process, again):
-                if controller is not None:
-                    await asyncio.to_thread(controller.end)
-
-    run(scenario(), real_time=True)  # another process
-
-
-def _started(log, ports=None):
-    process = processes.sim_controller(log, ports=ports)
-    return process, process.ports()
 
 
 @pytest.mark.invariant(6)
