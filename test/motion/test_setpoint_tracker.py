@@ -96,7 +96,7 @@ EVENTS = st.one_of(
     st.tuples(st.just('brake'), st.one_of(st.none(), SMALL)),
 )
 STEPS = st.one_of(st.just(PERIOD), st.floats(0.001, 0.2), st.floats(0.5, 2.0))
-LATE = st.one_of(st.just(1.0), st.floats(0.0, 3.0))
+LATE = st.one_of(st.just(1.0), st.just(0.0), st.floats(1e-6, 3.0))
 """Actual duration of a step, as a multiple of the planned one."""
 
 
