@@ -42,6 +42,8 @@ def test_program_of_every_robot_has_no_problems(robot: str) -> None:
     assert files.keys() == FILES.keys()
     assert all(text == FILES[name] for name, text in files.items() if name != 'config.inc')
     assert problems(files['config.inc']) == []
+    name = robot.upper().replace('_', '-')
+    assert f'#define ROBOT_MODEL "{name}"\n' in files['config.inc']
 
 
 @pytest.mark.parametrize('version', one_in(3, sorted(set(CONTROLLERS.values()), reverse=True)))
