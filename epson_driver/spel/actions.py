@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
-from epson_driver.spel.frames import new_pallet
+from epson_driver.spel.frames import in_local, new_pallet
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import format_string, parse_string, value_of
 from epson_driver.spel.project_data import LAST_POINT
@@ -414,6 +414,14 @@ def clear_pallet(task: Task, number: float) -> None:
     task.world.pallets.pop(nearest(number), None)
 
 
+def where(task: Task, local: float | None = None) -> None:
+    """Where [local]: print the position of the robot, in a local (p890)."""
+    here = task.world.host.value('here', ())
+    assert isinstance(here, Point)  # noqa: S101 - Here is one
+    here = in_local(here, nearest(local or 0), task.world.locals)
+    print_terminal(task, f'{task.world.host.value("where", (here,))}\n')
+
+
 STATEMENTS: dict[str, Callable[..., None]] = {
     'wait': wait,
     'waitcondition': wait_condition,
@@ -454,7 +462,7 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'redim': redim,
     'parsestr': parse_into,
     'fmtstr': format_into,
-    'where': lambda task: print_terminal(task, f'{task.world.host.value("where", ())}\n'),
+    'where': where,
     'joint': lambda task: print_terminal(task, f'{task.world.host.value("joint", ())}\n'),
 }
 """Name in lower case → function. ports.py has the network statements, Print and Input."""

@@ -32,9 +32,12 @@ def _time(task: Task, unit: int) -> int:
 
 def point(task: Task, number: int) -> Point:
     """Return P(n). Raises SpelError 7007 if it is not defined."""
-    result = task.world.points.get(number)
+    world = task.world
+    result = world.points.get(number)
     if result is None:
-        raise SpelError(ErrorNumber.POINT_UNDEFINED, f'P{number} is not defined')
+        labels = (key for key, value in world.point_labels.items() if value == number)
+        name = next((world.spelling.get(key, key) for key in labels), f'P{number}')
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, f'{name} is not defined')
     return result
 
 

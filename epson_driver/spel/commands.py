@@ -86,9 +86,9 @@ _FORMS = """
 @open: AOpen BOpen ROpen UOpen WOpen
 @motion: Go Move Arc Arc3 Jump Jump3 Jump3CP JumpTLZ Pulse TGo TMove BGo BMove
 @store: Till Sense Find
--: Pause Cont ResetElapsedTime ClearPoints Where Joint
+-: Pause Cont ResetElapsedTime ClearPoints Joint
 n: TMOut Signal SyncUnlock TmReset MemOn MemOff PalletClr LocalClr CTReset Close Flush
-n?: Randomize
+n?: Randomize Where
 n,n: MemOut MemOutW SetSw SetIn SetInW Seek
 #,n?: WaitNet
 n,n?: Error WaitSig SyncLock BoxClr PlaneClr
@@ -140,13 +140,13 @@ MOVING = frozenset({'home', 'jtran', 'ptran'})
 """Statements of the host that move the arm without a target point."""
 
 SHOWN = {
-    **dict.fromkeys(('speed', 'speeds'), (1, 2, 3)),
-    **dict.fromkeys(('accel', 'accels'), (1, 2, 3, 4, 5, 6)),
+    **dict.fromkeys(('speed', 'speeds'), ((1, 2, 3),)),
+    **dict.fromkeys(('accel', 'accels'), ((1, 2), (3, 4), (5, 6))),  # p69
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
 """Statements that display values if they have no argument.
 
-The values are those of the function with the same name and these arguments.
+A line has the values of the function with the same name and these arguments.
 """
 
 

@@ -76,6 +76,7 @@ class ErrorNumber(IntEnum):
     PORT_NOT_OPEN = 2909
     READ_TIMEOUT = 2910
     POINT_UNDEFINED = 7007
+    NO_SUCH_FILE = 7213
     OVERFLOW = 9990
     DIVISION_BY_ZERO = 9991
     INDEX = 9992
@@ -102,6 +103,7 @@ TEXTS: dict[int, str] = {
     ErrorNumber.PORT_NOT_OPEN: 'the port is not open',
     ErrorNumber.READ_TIMEOUT: 'reading from the network took too long',
     ErrorNumber.POINT_UNDEFINED: 'the point is not defined',
+    ErrorNumber.NO_SUCH_FILE: 'the file does not exist',
     ErrorNumber.OVERFLOW: 'the value does not fit its type',
     ErrorNumber.DIVISION_BY_ZERO: 'division by zero: look at the divisor before',
     ErrorNumber.INDEX: 'an array index is out of range: it goes from 0 to UBound',

@@ -9,6 +9,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from epson_driver.spel.errors import bad
+from epson_driver.spel.files import no_file
 from epson_driver.spel.ranges import FILES
 from epson_driver.spel.task import OpenFile, Task
 from epson_driver.spel.values import nearest
@@ -61,7 +62,7 @@ def _open(way: str) -> Callable[[Task, str, int], None]:
             raise bad(word, f'file {number} is already open')
         content = task.world.files.read(name)
         if content is None and mode.must:
-            raise bad(word, f'there is no file {name}')
+            raise no_file(name)
         data = bytearray(b'' if mode.empty else content or b'')
         at = len(data) if way == 'aopen' else 0
         file = OpenFile(name, data, at, mode.reads, mode.writes)
@@ -126,7 +127,7 @@ def read(task: Task, name: str, number: int, count: int | None) -> bytes:
 def _copy(task: Task, source: str, target: str) -> None:
     content = task.world.files.read(source)
     if content is None:
-        raise bad('Copy', f'there is no file {source}')
+        raise no_file(source)
     task.world.files.write(target, content)
 
 
@@ -152,7 +153,7 @@ def _free(task: Task) -> int:
 def _length(task: Task, name: str) -> int:
     content = task.world.files.read(name)
     if content is None:
-        raise bad('FileLen', f'there is no file {name}')
+        raise no_file(name)
     return len(content)
 
 

@@ -30,6 +30,11 @@ def _bad(text: str) -> SpelError:
     return SpelError(ErrorNumber.ARGUMENT, printable(text))
 
 
+def no_file(name: str) -> SpelError:
+    """Return the error for a file that does not exist (p282)."""
+    return SpelError(ErrorNumber.NO_SUCH_FILE, printable(f'there is no file {name}'))
+
+
 @contextmanager
 def _reported(name: str) -> Iterator[None]:
     """Convert errors of the system to SpelError."""
@@ -99,7 +104,7 @@ class Files:
     def delete(self, name: str) -> None:
         """Delete a file. Raises SpelError."""
         if self.read(name) is None:
-            raise _bad(f'there is no file {name}')
+            raise no_file(name)
         key = self.path(name)
         if self._keep and key not in self._taught:
             with _reported(name):
@@ -147,7 +152,7 @@ class Files:
         Raises SpelError.
         """
         if self.read(name) is None:
-            raise _bad(f'there is no file {name}')
+            raise no_file(name)
         there = self._there(self.path(name))
         if self.path(name) in self._written or there is None:
             return now

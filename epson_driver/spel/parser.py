@@ -270,7 +270,7 @@ class Parser(Statements):
             return [self.read_stub(reader, first)]
         reader.step()
         if reader.at_end() and word in SHOWN:
-            return [_displayed(first)]
+            return _displayed(first)
         if reader.at_end() and rule.robot and rule.needs_arguments:
             return [self.read_stub(reader, first)]
         if rule.form.startswith('@'):
@@ -488,14 +488,14 @@ def _test(reader: Reader) -> Test | None:
     return None
 
 
-def _displayed(first: Token) -> Print:
-    """Return the Print of a statement without arguments, which displays its function's values."""
-    whole = Name(first.text, first.position)
-    parts = (
-        Apply(first.text, (Argument(Number(item, first.position)),), first.position)
-        for item in SHOWN[first.lower]
-    )
-    return Print(None, tuple(parts) or (whole,), True, first.position)
+def _displayed(first: Token) -> list[Statement]:
+    """Return the Prints of a statement without arguments, which displays its function's values."""
+    at = first.position
+    lines: list[tuple[Expression, ...]] = [
+        tuple(Apply(first.text, (Argument(Number(item, at)),), at) for item in line)
+        for line in SHOWN[first.lower]
+    ]
+    return [Print(None, line, True, at) for line in lines or [(Name(first.text, at),)]]
 
 
 def _unknown(first: Token, reader: Reader) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from epson_driver.inputs import printable
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.lexer import NAME, SYMBOL, Token, tokens
+from epson_driver.spel.values import TYPES
 
 DEEPEST_INCLUDE = 16
 MAX_PARAMETERS = 8
@@ -22,6 +23,9 @@ DEEPEST_DEFINITION = 50
 """Maximum macro nesting depth."""
 MAX_LINES = 200_000
 """Maximum lines of one file including its included files."""
+
+_DECLARES = frozenset({*TYPES, 'global', 'preserve', 'static'})
+"""Words that start a declaration."""
 
 _DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
 _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
@@ -109,8 +113,22 @@ class Preprocessor:
         if not active:
             return
         result = tokens(line, name, number)
+        self._refuse_declarations(result)
         if result:
             yield Line(result[0].position, tuple(self._expanded(result)))
+
+    def _refuse_declarations(self, found: list[Token]) -> None:
+        """Raise SyntaxProblem if a #define stands for a label, or for words of a declaration."""
+        start = True
+        for place, token in enumerate(found):
+            definition = self.definitions.get(token.lower) if start else None
+            if definition is not None and definition.body:
+                label = [item.text for item in found[place + 1 : place + 2]] == [':']
+                if label or definition.body[0].lower in _DECLARES:
+                    what = 'label' if label else 'declaration'
+                    text = f'{token.text} is a #define: it cannot make a {what} (p58)'
+                    raise SyntaxProblem(token.position, text, 'preprocessor')
+            start = token.text == ';' or (start and token.lower in _DECLARES - TYPES.keys())
 
     def _conditional(
         self, word: str, position: Position, rest: str, conditions: list[_Condition]

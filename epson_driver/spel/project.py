@@ -69,7 +69,7 @@ def add_missing(
     points = {} if any(name.endswith(POINTS) for name in there) else _points(every, known)
     bits = {} if IO_LABELS in there else _bits(every, known | points.keys())
     for number, (name, token) in enumerate(points.items()):
-        data.point_labels[name] = LAST_POINT - number
+        data.point_labels[name], data.spelling[name] = LAST_POINT - number, token.text
         _note(notes, token, 'a point', 'there is no .pts file')
     for name, token in bits.items():
         data.unlabelled.add(name)

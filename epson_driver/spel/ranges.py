@@ -61,6 +61,7 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('j1flag j4flag', (None, (0, 1))),
         ('j2flag j6flag', (None, (0, 127))),
         ('plocal', (None, (0, 15))),
+        ('where', ((0, 15),)),
         ('sqr', ((0, inf),)),
         ('asin acos', ((-1, 1),)),
         ('lshift rshift bset bclr btst', (None, (0, 31))),

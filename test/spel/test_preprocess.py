@@ -103,6 +103,10 @@ def test_included_files_are_found_in_any_case() -> None:
         ('#define A() 1\nGlobal Integer n(A(2))', 'A needs 0 arguments in ( )'),
         ('#ifdef\n#endif', 'main.prg:1:1: error: #ifdef needs a name'),
         ('#ifndef 7\n#endif', 'main.prg:1:1: error: #ifndef needs a name'),
+        ('#define DECL Integer\nDECL a', 'main.prg:2:1: error: DECL is a #define: it cannot make'),
+        ('#define DECL Integer\nGlobal DECL a', 'it cannot make a declaration (p58)'),
+        ('Function f\n#define B Real b\nPrint 1; B\nFend', 'it cannot make a declaration (p58)'),
+        ('#define L done\nFunction f\nL:\nFend', 'L is a #define: it cannot make a label (p58)'),
     ],
 )
 def test_preprocessor_error_has_its_line(source: str, message: str) -> None:

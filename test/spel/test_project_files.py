@@ -120,7 +120,9 @@ def test_label_without_a_position_is_an_undefined_point() -> None:
     machine = Machine(build(project('Print CX(later)')), host)
     machine.start()
     machine.advance(1.0)
-    assert [failure.number for failure in host.failures] == [7007]
+    (failure,) = host.failures
+    assert failure.number == 7007
+    assert 'later is not defined' in failure.text
 
 
 def test_io_labels_are_bit_numbers() -> None:
@@ -208,6 +210,11 @@ def test_labels_of_missing_files_are_warnings() -> None:
     machine.start()
     machine.advance(1.0)
     assert 'the I/O label Part has no number' in str(host.failures[0])
+    machine = Machine(build({'main.prg': 'Function main\n  Go Origin\nFend'}), ScriptedHost())
+    machine.start()
+    machine.advance(1.0)
+    (view,) = machine.tasks()
+    assert 'Origin is not defined' in machine.world.aborted[view.number].text
 
 
 def test_labels_missing_in_present_files_are_errors() -> None:

@@ -177,10 +177,10 @@ def _time(robot: RobotContext, arguments: Arguments) -> float:
     return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
 
 
-def _where(robot: RobotContext, _: Arguments) -> str:
-    """Return the output of Where (p890). Clients depend on its columns."""
-    place = robot.points.place(robot.here).values[: len(robot.here)]
-    world = zip('XYZUVW', place, ('mm',) * 3 + ('deg',) * 3, strict=False)
+def _where(robot: RobotContext, arguments: Arguments) -> str:
+    """Return the output of Where for a position (p890). Clients depend on its columns."""
+    values = _point(arguments[0]).values
+    world = zip('XYZUVW', values, ('mm',) * 3 + ('deg',) * 3, strict=True)
     pulses = robot.points.pulses_per_unit * robot.here
     return '\n'.join(
         (

@@ -127,6 +127,11 @@ def test_where_is_printed_in_fixed_columns(execute, remote):
     shown = [float(world[at : at + 9]) for at in (20, 36, 52, 68)]
     here = execute('Print Here').removeprefix('#Execute,"')
     assert shown == [float(here[3 + 12 * at : 12 + 12 * at]) for at in range(4)]
+    remote('Execute,"Local 1, XY(100, 200, 0, 0)"')
+    remote.connection.receive(b'$Execute,"Where 1"\r\n')
+    local = remote.peer.take().decode().splitlines()[0]  # p890
+    moved = [float(local[at : at + 9]) for at in (20, 36, 52, 68)]
+    assert moved == pytest.approx([shown[0] - 100, shown[1] - 200, *shown[2:]])
     assert joint.startswith('JOINT:  1:    0.000 deg  2:  -10.000 deg')
     assert execute('Joint') == f'#Execute,"{joint}"'
     assert pulse.count('pls') == 6
