@@ -415,7 +415,7 @@ def clear_pallet(task: Task, number: float) -> None:
 
 
 def where(task: Task, local: float | None = None) -> None:
-    """Where [local]: print the position of the robot, in a local (p890)."""
+    """Print the position of the robot: Where [local] (p890)."""
     here = task.world.host.value('here', ())
     assert isinstance(here, Point)  # noqa: S101 - Here is one
     here = in_local(here, nearest(local or 0), task.world.locals)
