@@ -15,24 +15,17 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import (
-    add_controller,
-    add_password,
-    add_ports,
-    add_robot,
-    help_texts,
-    host,
-)
+from epson_driver.cli.arguments import DEFAULT_MODEL, help_texts, parsed
 from epson_driver.cli.doctor import tell
-from epson_driver.doctor.controller_checks import Question
+from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.findings import Finding, Findings, Level
+from epson_driver.doctor.look import tell_look
 from epson_driver.first_run.book import FirstRunRecord, load
 from epson_driver.first_run.run import go_through
 from epson_driver.first_run.steps import FirstRun
 from epson_driver.inputs import InputError, printable
 from epson_driver.processes.interrupt import INTERRUPTED
-from epson_driver.profiles import load_controller_profile
-from epson_driver.robots import load_robot_model
+from epson_driver.robots.catalogue import model_name
 
 LISTENING_S = 5.0
 """Duration for which the state port is observed, s."""
@@ -41,12 +34,21 @@ LISTENING_S = 5.0
 def main() -> int:
     """Run the steps. Returns 0 if all are done, 1 if some failed or remain, 130 after Ctrl-C."""
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parsed(parser)
+    if arguments.address is None:
+        parser.error('the address of a controller, or a file of connect, is needed')
     path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
     console = Console(highlight=False)
     findings = Findings(lambda finding: _tell(console, finding))
     try:
-        question = _question(arguments)
+        if not arguments.controller:
+            seen = asyncio.run(look(arguments))
+            if not tell_look(seen, findings):
+                return findings.exit_code
+            if not seen.model:
+                parser.error('the controller does not report its model: give --robot MODEL')
+            arguments.controller, arguments.robot = seen.profile, seen.model
+        arguments.robot = model_name(arguments.robot or DEFAULT_MODEL)
         about = {
             'address': arguments.address,
             'controller': arguments.controller,
@@ -57,7 +59,7 @@ def main() -> int:
             if book.about[key] != value:
                 rule = f'is for {key} {book.about[key]}: use that, or another --file'
                 raise InputError(f'{printable(path)}: {rule}')
-        run = FirstRun(question, _Keyboard().ask, findings)
+        run = FirstRun(question(arguments, LISTENING_S), _Keyboard().ask, findings)
         ended = asyncio.run(go_through(run, book, path, lambda text: _say(console, text)))
     except (OSError, InputError) as error:
         parser.error(printable(error))
@@ -132,28 +134,6 @@ def _versions() -> dict[str, str]:
     }
 
 
-def _question(arguments: argparse.Namespace) -> Question:
-    profile = load_controller_profile(arguments.controller)
-
-    def port(name: str) -> int:
-        requested = getattr(arguments, f'{name}_port')
-        return int(getattr(profile.ports, name) if requested is None else requested)
-
-    return Question(
-        host=arguments.address,
-        profile=profile,
-        model=load_robot_model(arguments.robot),
-        state_port=port('state'),
-        motion_port=port('motion'),
-        io_port=port('io'),
-        remote_port=port('remote'),
-        password=arguments.password,
-        seconds=LISTENING_S,
-        may_ask=False,
-        may_use_io=False,
-    )
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver first-run',
@@ -162,22 +142,18 @@ def _parser() -> argparse.ArgumentParser:
             'Each step is explained and needs confirmation. Run the same command again to '
             'continue. Keep a hand on the E-stop. No person may be in the cell.',
             (
-                'first-run 192.168.0.1 --controller rc700a --robot c4_a601s',
+                'first-run robot.yaml',
                 'first-run 192.168.0.1 --controller spel --robot t6_602s --file cell_3.html',
             ),
             '0 all steps done, 1 some steps remain or failed, 2 invalid arguments, 130 Ctrl-C',
         ),
         allow_abbrev=False,
     )
-    parser.add_argument('address', type=host, metavar='ADDRESS', help='address of the controller')
-    add_controller(parser, 'expected controller profile')
-    add_robot(parser)
+    add_robot_arguments(parser, 'address of the controller, or robot.yaml')
     parser.add_argument(
         '--file',
         type=Path,
         metavar='FILE',
         help='page with the results (default: first_run_ADDRESS.html)',
     )
-    add_ports(parser, 'not used')
-    add_password(parser)
     return parser

@@ -199,7 +199,7 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     drift = (time.time() - wall) - (time.monotonic() - monotonic)
     findings.busy('evaluating the messages')
     motion = (question.host, question.motion_port)
-    if await tell_of_no_state(state, listened, motion, findings, question.may_ask):
+    if await tell_of_no_state(state, listened, motion, findings):
         return {}
     handshake = f'handshake {received.handshake * 1e3:.1f} ms'
     findings.ok('state port', f'{question.host}:{question.state_port} accepts, {handshake}')

@@ -12,7 +12,8 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from enum import Enum, auto
+from enum import Enum
+from functools import partial
 
 from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.simple_message import CommType, Message, Packet
@@ -39,13 +40,36 @@ LOST = (os.strerror(errno.ETIMEDOUT), os.strerror(errno.EHOSTUNREACH))
 """Reasons for the end of a connection to a machine that no longer answers TCP."""
 
 
-class Refusal(Enum):
-    """Kinds of failed connections."""
+MakeLink = Callable[..., Link]
+"""Creates a link from host and port, and the callbacks on_packet and on_state."""
 
-    UNKNOWN_NAME = auto()
-    REFUSED = auto()
-    DROPPED = auto()
-    UNREACHABLE = auto()
+SIMPLE_MESSAGE: MakeLink = partial(Link, 'doctor', quiet=True)
+
+
+class Refusal(Enum):
+    """Kinds of failed connections. Each value is two words, a clause and the remedy."""
+
+    UNKNOWN_NAME = (
+        'unknown name',
+        'no machine with this name',
+        "check the spelling and the name server, or give the controller's IP address",
+    )
+    REFUSED = (
+        'nothing listens',
+        'the machine replies, but nothing listens at this port',
+        'start the program on the controller, check state_port',
+    )
+    DROPPED = (
+        'no reply',
+        'no reply from this address',
+        'check the address, the network mask, the cable, and that the controller is on; a '
+        'firewall may drop the packets',
+    )
+    UNREACHABLE = (
+        'no route',
+        'no route to this address',
+        "check the address, the cable, and this machine's network settings",
+    )
 
 
 class NoConnectionError(ConnectionError):
@@ -80,24 +104,22 @@ class ReceivedTraffic:
 class Conversation:
     """One connection to a port of the controller, by the driver's own link."""
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, make: MakeLink) -> None:
         self.heard = ReceivedTraffic()
         self.port = port
-        self.link = Link(
-            'doctor', host, port, on_packet=self._take, on_state=self._change, quiet=True
-        )
+        self.link = make(host, port, on_packet=self._take, on_state=self._change)
         self.link.trace = self._record
         self._news = asyncio.Event()
         self._reply: asyncio.Future[Packet] | None = None
         self._trace: WireTrace | None = None
         self._began = asyncio.get_running_loop().time()
-        self._opened = False
+        self._established = False
         self._tasks = [asyncio.create_task(part) for part in (self._run(), self._ticks())]
 
     async def connected(self) -> None:
         """Wait until the connection is established. Raises NoConnectionError if that fails."""
         await self._wait(lambda: self.link.connected or self.heard.ended)
-        if not self._opened:
+        if not self._established:
             raise NoConnectionError(self.heard.ended, refusal_of(self.link.failure))
 
     async def wait_for_traffic(
@@ -130,12 +152,6 @@ class Conversation:
         """Send a request without waiting for its reply."""
         with contextlib.suppress(ConnectionError):  # `heard` has the reason
             self.link.post(message, lambda packet, _: self._take(packet))
-
-    def send_bytes(self, data: bytes) -> None:
-        """Send bytes that are not a message."""
-        if self.link.transport is not None:
-            self.link.transport.write(data)
-            self._record(WireEvent.SENT, data)
 
     def restart(self) -> None:
         """Forget the traffic of an open connection, and record it with the current recorder."""
@@ -173,6 +189,7 @@ class Conversation:
             await news.wait()
 
     def _change(self, state: LinkState, why: str) -> None:
+        self._established |= state is LinkState.CONNECTED
         if state is LinkState.BACKING_OFF and not self.heard.ended:
             self.heard.ended = why.removeprefix(f'{self.link.host}:{self.port}: ')
         self._tell()
@@ -194,8 +211,7 @@ class Conversation:
         """Record a step of the connection."""
         now, heard = time.time_ns(), self.heard
         if event is WireEvent.OPENED:
-            if not self._opened:
-                self._opened, heard.handshake = True, self.link.last_received - self._began
+            heard.handshake = heard.handshake or self.link.last_received - self._began
             recorder, ends = TRACE.get(), self.link.addresses
             self._trace = WireTrace(recorder, *ends, now) if recorder and ends else None
         elif event is WireEvent.RECEIVED:
@@ -210,36 +226,48 @@ class Conversation:
             self._trace = None
 
 
-@asynccontextmanager
-async def conversation(
-    host: str, port: int, *, sends: bool = False
-) -> AsyncIterator[Conversation]:
-    """Connect to a port until the block ends. Raises NoConnectionError if that fails.
+async def opened(
+    host: str,
+    port: int,
+    *,
+    sends: bool = False,
+    make: MakeLink = SIMPLE_MESSAGE,
+) -> Conversation:
+    """Connect to a port. Raises NoConnectionError if that fails.
 
     A server may need REOPENED_S to open its port again after another client has left, so a refused
     connection is retried. sends: the server sends without a request, so a connection that it
-    closes first is retried, too.
+    closes first is retried, too. make: creates another link than that of simple message.
     """
     clock = asyncio.get_running_loop().time
     until = clock() + REOPENED_S
     while True:
-        made = Conversation(host, port)
+        made = Conversation(host, port, make)
         try:
-            try:
-                await made.connected()
-                if sends:
-                    await made.wait_for_traffic(lambda heard: heard.packets, FIRST_BYTES_S)
-                again = sends and made.heard.ended and not made.heard.first_bytes
-            except NoConnectionError as error:
-                if error.refusal is not Refusal.REFUSED or clock() > until:
-                    raise
-                again = True
-            if not again or clock() > until:
-                yield made
-                return
-        finally:
+            await made.connected()
+            if sends:
+                await made.wait_for_traffic(lambda heard: heard.packets, FIRST_BYTES_S)
+            if not (sends and made.heard.ended and not made.heard.first_bytes) or clock() > until:
+                return made
+        except BaseException as error:
             await made.close()
+            refused = isinstance(error, NoConnectionError) and error.refusal is Refusal.REFUSED
+            if not refused or clock() > until:
+                raise
+        await made.close()
         await asyncio.sleep(RETRY_S)
+
+
+@asynccontextmanager
+async def conversation(
+    host: str, port: int, *, sends: bool = False
+) -> AsyncIterator[Conversation]:
+    """Connect to a port until the block ends. See `opened`."""
+    made = await opened(host, port, sends=sends)
+    try:
+        yield made
+    finally:
+        await made.close()
 
 
 def refusal_of(error: BaseException | None) -> Refusal:

@@ -18,7 +18,7 @@ from epson_driver.doctor.listening import (
     conversation,
     refusal_of,
 )
-from epson_driver.doctor.port_checks import REFUSALS, has_joints
+from epson_driver.doctor.port_checks import has_joints
 from epson_driver.doctor.state_facts import state_facts
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.answers import ask_identity
@@ -37,12 +37,6 @@ WITH_REMOTE = ('spel', 'rc700a')
 
 TIMEOUT_S = 3.0
 ENOUGH_PACKETS = 60
-NO_ANSWER = {
-    Refusal.UNKNOWN_NAME: 'unknown name',
-    Refusal.REFUSED: 'nothing listens',
-    Refusal.DROPPED: 'no reply',
-    Refusal.UNREACHABLE: 'no route',
-}
 
 NOTHING_LISTENS = (
     'in RC+ set the control device to Remote Ethernet, port 5000, or start the program on the '
@@ -112,7 +106,7 @@ async def _ask_remote(look: Look, password: str) -> str | None:
         return None
     except (TimeoutError, ConnectionError) as error:
         cause = error if isinstance(error, TimeoutError) else error.__cause__
-        look.answers[port] = NO_ANSWER[refusal_of(cause)] if cause else str(error)
+        look.answers[port] = refusal_of(cause).value[0] if cause else str(error)
         look.refusals.append(refusal_of(cause))
         return None
     look.answers[port] = f'Remote Ethernet: {", ".join(filter(None, (controller, robot)))}'
@@ -129,7 +123,7 @@ async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
         async with conversation(look.host, port, sends=True) as state:
             await state.wait_for_traffic(lambda it: len(it.packets) >= ENOUGH_PACKETS, TIMEOUT_S)
     except NoConnectionError as error:
-        look.answers[port] = NO_ANSWER[error.refusal]
+        look.answers[port] = error.refusal.value[0]
         look.refusals.append(error.refusal)
         return None
     if has_joints(state.heard):
@@ -154,7 +148,7 @@ def tell_look(look: Look, findings: Findings) -> bool:
         else:
             text, remedy = f'no controller answers ({ports})', NOTHING_LISTENS
             if look.refusals and Refusal.REFUSED not in look.refusals:
-                text, remedy = REFUSALS[look.refusals[0]]
+                _, text, remedy = look.refusals[0].value
             findings.wrong('controller', f'{look.host}: {text}', remedy)
         return False
     findings.ok('controller', f'profile {look.profile}, because {look.why} ({ports})')

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from epson_driver.doctor.listening import TRACE, NoConnectionError
+from epson_driver.doctor.listening import TRACE
 from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Entry, FirstRunRecord, packed
 from epson_driver.first_run.steps import EndedError, FirstRun, Step, agreed, make_ready, steps
 from epson_driver.first_run.trial_move import NotMovedError
@@ -25,7 +25,16 @@ async def go_through(
     `say` shows a line to the user. The book is written after every step, so that an interruption
     loses only the current step.
     """
-    for step in steps(run.joints):
+    try:
+        return await _go_through(run, book, path, say)
+    finally:
+        await run.connections.close()
+
+
+async def _go_through(
+    run: FirstRun, book: FirstRunRecord, path: Path, say: Callable[[str], None]
+) -> bool:
+    for step in steps(run.joints, remote=run.remote):
         before = book.entries.get(step.name)
         if before is not None and before.state == DONE:
             say(f'{step.name}: done {before.at}')
@@ -52,15 +61,18 @@ async def go_through(
 async def _done(step: Step, run: FirstRun) -> Entry:
     file = io.BytesIO()
     token = TRACE.set(PcapWriter(file))
+    run.connections.restart()
     try:
         if step.moves:
             await make_ready(run)
-        result = await step.do(run)
-    except (NotMovedError, NoConnectionError) as error:
-        return Entry(FAILED, _now(), why=str(error), trace=packed(file.getvalue()))
+        entry = Entry(DONE, _now(), await step.do(run))
+    except (NotMovedError, ConnectionError) as error:
+        entry = Entry(FAILED, _now(), why=str(error))
     finally:
         TRACE.reset(token)
-    return Entry(DONE, _now(), result, trace=packed(file.getvalue()))
+        run.connections.restart()
+    entry.trace = packed(file.getvalue())
+    return entry
 
 
 def _now() -> str:

@@ -10,8 +10,7 @@ import asyncio
 import dataclasses
 import math
 import statistics
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -20,10 +19,13 @@ import numpy as np
 
 from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import Findings
-from epson_driver.doctor.listening import Conversation, conversation
+from epson_driver.doctor.listening import Conversation, opened
 from epson_driver.doctor.pose_checks import Ask
 from epson_driver.doctor.state_facts import latest_joints, latest_status
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.inhibit import seen_inhibit
+from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.first_run.trial_move import (
     MOVED,
@@ -32,9 +34,13 @@ from epson_driver.first_run.trial_move import (
     TrialMove,
     ahead,
     move_and_record,
+    move_by_statements,
     rests,
 )
+from epson_driver.link import Link
+from epson_driver.link.remote_link import RemoteLink
 from epson_driver.motion import Array
+from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.robots.chain import PRISMATIC
 from epson_driver.simple_message import ReplyCode, Status, TriState
 
@@ -67,6 +73,32 @@ class StepResult:
     habits: list[str] = field(default_factory=list)
 
 
+class Connections:
+    """The connections to the ports of a controller, which are kept over the steps."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Conversation] = {}
+
+    async def to(self, host: str, port: int, **options: Any) -> Conversation:
+        """Return the connection to a port, or a new one if it has ended. Raises like `opened`."""
+        made = self._open.get(port)
+        if made is None or made.heard.ended:
+            if made is not None:
+                await made.close()
+            made = self._open[port] = await opened(host, port, **options)
+        return made
+
+    def restart(self) -> None:
+        """Forget the traffic of all connections, and record them with the current recorder."""
+        for made in self._open.values():
+            made.restart()
+
+    async def close(self) -> None:
+        """Close all connections."""
+        while self._open:
+            await self._open.popitem()[1].close()
+
+
 @dataclass(frozen=True)
 class FirstRun:
     """The robot to examine, the dialogue with the user, and the collected findings.
@@ -78,6 +110,7 @@ class FirstRun:
     ask: Ask
     findings: Findings
     delay: float = 0.0
+    connections: Connections = field(default_factory=Connections)
 
     @property
     def errors(self) -> ErrorTexts:
@@ -89,15 +122,29 @@ class FirstRun:
         """Number of joints."""
         return len(self.question.model.joint_names)
 
-    @asynccontextmanager
-    async def links(self) -> AsyncIterator[tuple[Conversation, Conversation]]:
-        """Connect to state and motion port."""
-        host = self.question.host
-        async with (
-            conversation(host, self.question.state_port) as state,
-            conversation(host, self.question.motion_port) as motion,
-        ):
-            yield state, motion
+    @property
+    def remote(self) -> bool:
+        """Whether the arm moves by statements of Remote Ethernet, without a program."""
+        return self.question.profile.program.interface == 'statements'
+
+    async def state(self) -> Conversation:
+        """Return the connection that the state comes from. Raises NoConnectionError."""
+        question = self.question
+        if not self.remote:
+            return await self.connections.to(question.host, question.state_port, sends=True)
+
+        def make(host: str, port: int, **callbacks: Any) -> Link:
+            units, password = question.model.limits.units, question.password
+            return RemoteLink(host, port, units, password=password, **callbacks)
+
+        return await self.connections.to(question.host, question.remote_port, make=make)
+
+    async def links(self) -> tuple[Conversation, Conversation]:
+        """Return the connections for state and motion. Raises NoConnectionError."""
+        state = await self.state()
+        if self.remote:
+            return state, state
+        return state, await self.connections.to(self.question.host, self.question.motion_port)
 
 
 Do = Callable[[FirstRun], Awaitable[StepResult]]
@@ -118,16 +165,17 @@ class Step:
 
 async def _listen(run: FirstRun) -> StepResult:
     question = dataclasses.replace(run.question, may_ask=False, may_use_io=False)
+    await run.connections.close()  # a port may serve one client only
     facts = await check_controller(question, run.findings)
     result = StepResult(facts)
     if 'state.period' in facts:
         result.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
-    async with conversation(question.host, question.state_port) as state:
-        await state.ended_within(1.0)
-        joints = latest_joints(state.heard)
-        if joints is not None and (step := _rounding(joints[: run.joints])):
-            result.facts['servo.encoder'] = False
-            result.habits.append(f'joint states are rounded to {step:g} degrees')
+    state = await run.state()
+    await state.ended_within(1.0)
+    joints = latest_joints(state.heard)
+    if joints is not None and (step := _rounding(joints[: run.joints])):
+        result.facts['servo.encoder'] = False
+        result.habits.append(f'joint states are rounded to {step:g} degrees')
     return result
 
 
@@ -151,9 +199,9 @@ async def _pendant(run: FirstRun) -> StepResult:
         shown = np.empty(0)
     if len(shown) != run.joints:
         raise NotMovedError(f'not compared with the pendant: {run.joints} numbers are needed')
-    async with conversation(run.question.host, run.question.state_port) as state:
-        await state.wait_for_traffic(latest_joints, 5.0)
-        joints = latest_joints(state.heard)
+    state = await run.state()
+    await state.wait_for_traffic(latest_joints, 5.0)
+    joints = latest_joints(state.heard)
     if joints is None:
         raise NotMovedError('no joint states came')
     own = _shown(np.array(joints[: run.joints]), run)
@@ -177,25 +225,23 @@ def _shown(joints: Array, run: FirstRun) -> Array:
 
 async def _ask_still(run: FirstRun) -> StepResult:
     question = dataclasses.replace(run.question, may_ask=True, may_use_io=False)
+    await run.connections.close()  # a port may serve one client only
     facts = await check_controller(question, run.findings)
     result = StepResult(facts)
     if 'program.kind' not in facts:
         raise NotMovedError('the motion port was not queried: see above')
-    host, port = question.host, question.motion_port
-    async with (
-        conversation(host, question.state_port) as state,
-        conversation(host, port) as motion,
-    ):
-        await state.wait_for_traffic(lambda heard: heard.packets, 5.0)
-        motion.link.dialect = state.heard.packets[0][1].dialect
-        took, missing = [], 0
-        for _ in range(REPLY_TRIES):
-            began = asyncio.get_running_loop().time()
-            if await motion.ask(STOP, run.question.seconds) is None:
-                missing += 1
-                continue
-            took.append(asyncio.get_running_loop().time() - began)
-        handshake = motion.heard.handshake
+    state, motion = await run.links()
+    if not await state.wait_for_traffic(lambda heard: heard.packets, 5.0):
+        raise NotMovedError('no state received')
+    motion.link.dialect = state.heard.packets[0][1].dialect
+    took, missing = [], 0
+    for _ in range(REPLY_TRIES):
+        began = asyncio.get_running_loop().time()
+        if await motion.ask(STOP, run.question.seconds) is None:
+            missing += 1
+            continue
+        took.append(asyncio.get_running_loop().time() - began)
+    handshake = motion.heard.handshake
     if missing:
         result.habits.append(f'{missing} of {REPLY_TRIES} requests had no reply')
     if took:
@@ -208,17 +254,19 @@ async def _ask_still(run: FirstRun) -> StepResult:
 
 async def _io(run: FirstRun) -> StepResult:
     question = dataclasses.replace(run.question, may_ask=False, may_use_io=True)
+    await run.connections.close()  # a port may serve one client only
     facts = await check_controller(question, run.findings)
     return StepResult({key: facts[key] for key in ('io', 'ports.io') if key in facts})
 
 
 async def make_ready(run: FirstRun) -> None:
     """Ask a person to make the arm ready, if it is not. Nothing is sent."""
-    async with conversation(run.question.host, run.question.state_port) as state:
-        await state.wait_for_traffic(latest_status, 5.0)
-        status = latest_status(state.heard)
-        if status is None or seen_inhibit(status, run.errors) is not None:
-            await _ready(run, state, 'Set the power LOW, switch the motors on, start main')
+    state = await run.state()
+    await state.wait_for_traffic(latest_status, 5.0)
+    status = latest_status(state.heard)
+    if status is None or seen_inhibit(status, run.errors) is not None:
+        what = 'Set the power LOW, reset if in error, switch the motors on, start main'
+        await _ready(run, state, SWITCHED_ON if run.remote else what)
 
 
 class EndedError(Exception):
@@ -240,6 +288,8 @@ async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
 
 async def _power(run: FirstRun) -> StepResult:
     await make_ready(run)
+    if run.remote:
+        return StepResult(answers={'power': 'low, set by each motion'})
     if not await agreed(run.ask, 'Is the power low? (Enter or y: yes, n: no): ', 'n'):
         raise EndedError(
             'steps that move the arm need low power: set the power LOW, then start again'
@@ -251,14 +301,28 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
     """Ask the user to do `what`, repeatedly, until STATUS permits motion."""
     while True:
         done = await agreed(run.ask, f'{what}, then press Enter (s: skip this step): ')
+        if done and run.remote:
+            await _switch_on(run, state)
         await state.ended_within(0.5)
         if not done or state.heard.ended:
             raise NotMovedError('the arm was not made ready')
+        state.heard.packets.clear()
+        await state.wait_for_traffic(latest_status, 5.0)
         status = latest_status(state.heard)
         result = None if status is None else seen_inhibit(status, run.errors)
         if status is not None and result is None:
             return
         run.findings.note('not ready', 'no STATUS received' if result is None else result.text)
+
+
+async def _switch_on(run: FirstRun, state: Conversation) -> None:
+    """Reset the controller and switch the motors on, by Remote Ethernet."""
+    assert isinstance(state.link, RemoteLink)  # noqa: S101 - for the type checker
+    for command in ('Reset', 'SetMotorsOn,1'):
+        try:
+            await state.link.ask(command)
+        except (RemoteError, ConnectionError) as error:
+            run.findings.note('controller', str(error))
 
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
@@ -274,19 +338,19 @@ def _target(here: Array, index: int, run: FirstRun) -> Array:
 
 async def _joint(index: int, run: FirstRun) -> StepResult:
     name = run.question.model.joint_names[index]
-    async with run.links() as (state, motion):
-        here = await _where(run, state)
-        target = _target(here, index, run)
-        made = await _move_and_record(run, state, motion, [target], [WAY_S])
-        result = _ride_times(f'joint {index + 1}', made)
-        if index == 0:
-            result.facts['lateness'] = made.lateness
-        off = np.abs(made.positions[-1] - target).max()
-        if off > 2.0 * MOVED:
-            result.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
-        back = _ride_times(
-            f'joint {index + 1}', await _move_and_record(run, state, motion, [here], [WAY_S])
-        )
+    state, motion = await run.links()
+    here = await _where(run, state)
+    target = _target(here, index, run)
+    made = await _move_and_record(run, state, motion, [target], [WAY_S])
+    result = _ride_times(f'joint {index + 1}', made)
+    if index == 0:
+        result.facts['lateness'] = made.lateness
+    off = np.abs(made.positions[-1] - target).max()
+    if off > 2.0 * MOVED:
+        result.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
+    back = _ride_times(
+        f'joint {index + 1}', await _move_and_record(run, state, motion, [here], [WAY_S])
+    )
     # motion starts in a cycle of the controller, so the mean of two is more accurate
     result.times = {
         key: statistics.mean((value, back.times.get(key, value)))
@@ -316,7 +380,14 @@ async def _move_and_record(
     durations: Sequence[float],
     stop_after: float | None = None,
 ) -> TrialMove:
-    model = run.question.model
+    model, profile = run.question.model, run.question.profile
+    if isinstance(state.link, RemoteLink):
+        rules = delivery_rules(profile, 'statements', profile.program.point_message)
+        same = joint_mapping(run.joints, [1], [0.0], 0)
+        moves = StatementDelivery(state.link, model.limits, same, rules)
+        return await move_by_statements(
+            state, moves, model, run.errors, targets, durations, stop_after
+        )
     return await move_and_record(state, motion, model, run.errors, targets, durations, stop_after)
 
 
@@ -329,6 +400,8 @@ def _ride_times(name: str, made: TrialMove) -> StepResult:
         result.habits.append(f'{name}: a point was refused')
     if made.begin is None:
         result.habits.append(f'{name}: the arm did not move')
+    elif not made.measured:
+        result.times[f'{name}: statement'] = made.end - made.sent[-1]
     else:
         result.times[f'{name}: point sent to motion seen'] = made.begin - made.sent[1]
         result.times[f'{name}: motion'] = made.end - made.begin
@@ -339,21 +412,21 @@ async def _points(run: FirstRun) -> StepResult:
     result = StepResult()
     counts: list[float] = []
     periods: list[float] = []
-    async with run.links() as (state, motion):
-        here = await _where(run, state)
-        target = _target(here, 0, run)
-        for usual in STREAM_PERIODS_S:
-            period = usual + 2.0 * run.delay  # a point waits for the reply before it
-            ways = [here + (target - here) * k / STREAM_POINTS for k in _numbers(STREAM_POINTS)]
-            name = f'{STREAM_POINTS} points of {usual:g} s{" and two replies" * bool(run.delay)}'
-            made = await _move_and_record(run, state, motion, ways, [period] * STREAM_POINTS)
-            one = _ride_times(name, made)
-            result.times |= one.times
-            result.habits += one.habits
-            counts.append(ahead(made, 0, run.delay))
-            periods.append(period)
-            stops = rests(made)
-            await _move_and_record(run, state, motion, [here], [WAY_S])
+    state, motion = await run.links()
+    here = await _where(run, state)
+    target = _target(here, 0, run)
+    for usual in STREAM_PERIODS_S:
+        period = usual + 2.0 * run.delay  # a point waits for the reply before it
+        ways = [here + (target - here) * k / STREAM_POINTS for k in _numbers(STREAM_POINTS)]
+        name = f'{STREAM_POINTS} points of {usual:g} s{" and two replies" * bool(run.delay)}'
+        made = await _move_and_record(run, state, motion, ways, [period] * STREAM_POINTS)
+        one = _ride_times(name, made)
+        result.times |= one.times
+        result.habits += one.habits
+        counts.append(ahead(made, 0, run.delay))
+        periods.append(period)
+        stops = rests(made)
+        await _move_and_record(run, state, motion, [here], [WAY_S])
     result.facts |= _buffer(counts, periods)
     # a point acknowledged at the arm's arrival leaves the arm without a next point
     waits = result.facts.get('program.acknowledge') == 'default'
@@ -387,21 +460,21 @@ def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]
 
 
 async def _stop(run: FirstRun) -> StepResult:
-    async with run.links() as (state, motion):
-        here = await _where(run, state)
-        target = _target(here, 0, run)
-        made = await _move_and_record(
-            run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2
-        )
-        result = StepResult()
-        if made.begin is None or made.stopped is None:
-            raise NotMovedError('the arm did not move')
-        stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
-        if not stopped:
-            result.habits.append('a STOP does not stop the arm')
-        else:
-            result.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
-        await _move_and_record(run, state, motion, [here], [WAY_S])
+    state, motion = await run.links()
+    here = await _where(run, state)
+    target = _target(here, 0, run)
+    made = await _move_and_record(
+        run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2
+    )
+    result = StepResult()
+    if made.begin is None or made.stopped is None:
+        raise NotMovedError('the arm did not move')
+    stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
+    if not stopped:
+        result.habits.append('a STOP does not stop the arm')
+    else:
+        result.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
+    await _move_and_record(run, state, motion, [here], [WAY_S])
     return result
 
 
@@ -411,30 +484,32 @@ async def _interrupted(
     """Move joint 1 to and fro until a person interrupts it, and check that the arm then rests."""
     result = StepResult()
     name = what.partition(',')[0]
-    async with run.links() as (state, motion):
-        here = await _where(run, state)
-        target = _target(here, 0, run)
-        ways = [target, here] * (BACK_AND_FORTH // 2)
-        doing = asyncio.ensure_future(
-            run.ask(f'The arm moves back and forth: {what} NOW. Then Enter: ')
-        )
-        try:
-            made = await _move_and_record(run, state, motion, ways, [WAY_S] * len(ways))
-        except BaseException:
-            doing.cancel()
-            raise
-        result.answers[name] = (await doing).strip()[:200] or 'done'
-        at = made.since(seen)
-        if at is None:
-            result.habits.append(f'{name}: STATUS did not show it')
-            return result
-        result.times[f'{name}: STATUS to rest'] = max(made.end - at, 0.0)
-        _error_number(name, made, run, result)
-        await _ready(run, state, undo)
-        before = await _where(run, state)
-        await state.ended_within(2.0)
-        if np.abs(await _where(run, state) - before).max() > MOVED:
-            result.habits.append(f'{name}: the arm resumed its motion without a command')
+    state, motion = await run.links()
+    here = await _where(run, state)
+    target = _target(here, 0, run)
+    ways = [target, here] * (BACK_AND_FORTH // 2)
+    doing = asyncio.ensure_future(
+        run.ask(f'The arm moves back and forth: {what} NOW. Then Enter: ')
+    )
+    try:
+        made = await _move_and_record(run, state, motion, ways, [WAY_S] * len(ways))
+    except BaseException:
+        doing.cancel()
+        raise
+    result.answers[name] = (await doing).strip()[:200] or 'done'
+    at = made.since(seen)
+    if at is None:
+        result.habits.append(f'{name}: STATUS did not show it')
+        return result
+    result.times[f'{name}: STATUS to rest'] = max(made.end - at, 0.0)
+    _error_number(name, made, run, result)
+    if run.remote:
+        undo = f'{undo.partition(",")[0]} (Enter resets the error and switches the motors on)'
+    await _ready(run, state, undo)
+    before = await _where(run, state)
+    await state.ended_within(2.0)
+    if np.abs(await _where(run, state) - before).max() > MOVED:
+        result.habits.append(f'{name}: the arm resumed its motion without a command')
     return result
 
 
@@ -449,27 +524,27 @@ def _error_number(name: str, made: TrialMove, run: FirstRun, found: StepResult) 
 async def _cable(run: FirstRun) -> StepResult:
     """Ask for the cable to be unplugged during a motion, then read the arm's position."""
     result = StepResult()
-    async with run.links() as (state, motion):
-        here = await _where(run, state)
-        target = _target(here, 0, run)
-        doing = asyncio.ensure_future(
-            run.ask('The arm moves: pull the network cable NOW, plug it in again, then Enter: ')
-        )
-        try:
-            made = await _move_and_record(run, state, motion, [target], [2.0 * WAY_S])
-            lost = bool(state.heard.ended or motion.heard.ended)
-        except (NotMovedError, ConnectionError) as error:
-            lost, made = True, None
-            result.answers['cable: what was seen'] = str(error)
-        except BaseException:
-            doing.cancel()
-            raise
-        result.answers['cable'] = (await doing).strip()[:200] or 'done'
+    state, motion = await run.links()
+    here = await _where(run, state)
+    target = _target(here, 0, run)
+    doing = asyncio.ensure_future(
+        run.ask('The arm moves: pull the network cable NOW, plug it in again, then Enter: ')
+    )
+    try:
+        made = await _move_and_record(run, state, motion, [target], [2.0 * WAY_S])
+        lost = bool(state.heard.ended or motion.heard.ended)
+    except (NotMovedError, ConnectionError) as error:
+        lost, made = True, None
+        result.answers['cable: what was seen'] = str(error)
+    except BaseException:
+        doing.cancel()
+        raise
+    result.answers['cable'] = (await doing).strip()[:200] or 'done'
     if made is not None and not lost:
         result.habits.append('cable: the connection was not lost')
         return result
-    async with conversation(run.question.host, run.question.state_port) as state:
-        after = await _where(run, state)
+    state = await run.state()
+    after = await _where(run, state)
     finished = bool(np.abs(after - target).max() < 2.0 * MOVED)
     result.facts['server.lost_client'] = 'finish' if finished else 'brake'
     if finished:
@@ -505,6 +580,16 @@ async def _questions(run: FirstRun) -> StepResult:
     return result
 
 
+NEED_PROGRAM = ('questions', 'I/O', 'points', 'cable', 'open questions')
+"""Steps that Remote Ethernet alone does not have."""
+
+LISTEN = 'Listen to the state port. Nothing is sent.'
+LISTEN_REMOTE = 'Ask Remote Ethernet for the status and the joint positions.'
+READY = 'Set the power LOW and switch the motors on.'
+READY_REMOTE = 'Switch the motors on, in low power. Nothing moves.'
+SWITCHED_ON = 'Make the cell safe (Enter switches the motors on, in low power)'
+
+
 def _estopped(status: Status) -> bool:
     return status.e_stopped == TriState.TRUE
 
@@ -513,20 +598,23 @@ def _held(status: Status) -> bool:
     return status.motion_possible == TriState.FALSE or status.drives_powered == TriState.FALSE
 
 
-def steps(joints: int) -> list[Step]:
-    """Return the steps for an arm with `joints` joints, in their order."""
+def steps(joints: int, *, remote: bool = False) -> list[Step]:
+    """Return the steps for an arm with `joints` joints, in their order.
+
+    remote: whether the controller has Remote Ethernet alone.
+    """
     way = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
     slowly = (
         f'joint 1 moves {way} back and forth, slowly, for at most {BACK_AND_FORTH * WAY_S:g} s'
     )
-    return [
-        Step('listen', 'Listen to the state port. Nothing is sent.', _listen),
+    every = [
+        Step('listen', LISTEN_REMOTE if remote else LISTEN, _listen),
         Step('pendant', 'Compare the joint positions with the pendant.', _pendant),
         Step(
             'questions', 'Send a STOP and a point at the current position, motors OFF.', _ask_still
         ),
         Step('I/O', 'Query the available I/O, motors OFF. Outputs may change at the end.', _io),
-        Step('ready', 'Set the power LOW and switch the motors on.', _power),
+        Step('ready', READY_REMOTE if remote else READY, _power),
         *(
             Step(
                 f'joint {index + 1}',
@@ -572,3 +660,4 @@ def steps(joints: int) -> list[Step]:
             _questions,
         ),
     ]
+    return [step for step in every if not (remote and step.name in NEED_PROGRAM)]

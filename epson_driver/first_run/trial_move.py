@@ -13,10 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from epson_driver.doctor.listening import Conversation
-from epson_driver.doctor.state_facts import latest_joints, latest_status
+from epson_driver.doctor.listening import Conversation, ReceivedTraffic
+from epson_driver.doctor.state_facts import is_joints, latest_joints, latest_status
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.inhibit import seen_inhibit
 from epson_driver.error_texts import ErrorTexts
+from epson_driver.link.remote_link import RemoteLink
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.simple_message import (
@@ -72,6 +74,8 @@ class TrialMove:
     times: Array = field(default_factory=lambda: np.empty(0))
     positions: Array = field(default_factory=lambda: np.empty((0, 0)))
     statuses: list[tuple[float, Status]] = field(default_factory=list)
+    measured: bool = True
+    """Whether joint states arrived during the motion. Otherwise only its two ends are known."""
     lateness: float = 0.0
     """Maximum delay of a timer on this machine, s: the uncertainty of the times."""
 
@@ -83,8 +87,8 @@ class TrialMove:
         """
         away = np.cbrt(np.abs(self.positions - self.positions[0]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
-        if not moved.size:
-            return None
+        if not moved.size or not self.measured:
+            return float(self.times[0]) if moved.size else None
         pair = slice(moved[0] - 1, moved[0] + 1)
         return float(np.interp(CBRT_MOVED, away[pair], self.times[pair]))
 
@@ -93,8 +97,8 @@ class TrialMove:
         """End time of the motion, when the arm came to rest. Interpolated like `begin`."""
         away = np.cbrt(np.abs(self.positions - self.positions[-1]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
-        if not moved.size:
-            return float(self.times[0])
+        if not moved.size or not self.measured:
+            return float(self.times[0 if self.measured else -1])
         pair = slice(moved[-1], moved[-1] + 2)
         return float(np.interp(-CBRT_MOVED, -away[pair], self.times[pair]))
 
@@ -158,6 +162,66 @@ async def move_and_record(
             stopping.cancel()
     _take_over(made, state, first, len(model.joint_names))
     return made
+
+
+async def move_by_statements(
+    state: Conversation,
+    moves: StatementDelivery,
+    model: RobotModel,
+    errors: ErrorTexts,
+    targets: Sequence[Array],
+    durations: Sequence[float],
+    stop_after: float | None = None,
+) -> TrialMove:
+    """Move like `move_and_record`, by a statement of Remote Ethernet for each target.
+
+    A statement is replied to when the arm is at its target. Until then no joint states arrive.
+    """
+    clock, link = asyncio.get_running_loop().time, state.link
+    assert isinstance(link, RemoteLink)  # noqa: S101 - for the type checker
+    here = before = await _here(state, model, errors)
+    _check(here, targets, durations, model)
+    first, made = len(state.heard.packets), TrialMove(sent=[clock()], measured=False)
+    try:
+        async with asyncio.timeout(REST_TIMEOUT_S + float(sum(durations))):
+            for target, duration in zip(targets, durations, strict=True):
+                needed = float(np.max(np.abs(target - before) / model.limits.velocity)) / duration
+                made.sent.append(clock())
+                reply = _moving(link, moves.joints(target, max(needed, MIN_VELOCITY), 0.1))
+                if stop_after is not None:
+                    await asyncio.wait([reply], timeout=stop_after)
+                    made.stopped = clock()
+                    link.abort(lambda _: None)
+                code = (
+                    ReplyCode.FAILURE if isinstance(await reply, Exception) else ReplyCode.SUCCESS
+                )
+                made.answers.append((clock(), code))
+                before = target
+                if code is ReplyCode.FAILURE:
+                    break
+    except TimeoutError:
+        raise NotMovedError('no reply to a statement') from None
+    finally:
+        if link.connected and link.moving:
+            link.abort(lambda _: None)
+    count, ended = len(state.heard.packets), clock()
+    await state.wait_for_traffic(lambda heard: _joints_after(heard, count), REST_S * 4.0)
+    _take_over(made, state, first, len(model.joint_names))
+    after = latest_joints(state.heard)
+    there = here if after is None else np.array(after[: len(here)])
+    made.times, made.positions = np.array([made.sent[1], ended]), np.array([here, there])
+    return made
+
+
+def _moving(link: RemoteLink, statement: str) -> asyncio.Future[str | Exception]:
+    """Send a statement, and return the future reply to it."""
+    reply: asyncio.Future[str | Exception] = asyncio.get_running_loop().create_future()
+    link.move(statement, lambda value: None if reply.done() else reply.set_result(value))
+    return reply
+
+
+def _joints_after(heard: ReceivedTraffic, count: int) -> bool:
+    return any(is_joints(packet) for _, packet in heard.packets[count:])
 
 
 async def _stop_after(motion: Conversation, seconds: float, made: TrialMove) -> None:

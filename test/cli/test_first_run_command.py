@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from epson_driver.cli import first_run
+from epson_driver.doctor.look import Look
 from epson_driver.first_run.book import FAILED, Entry, load
 from epson_driver.first_run.steps import StepResult
 from epson_driver.inputs import InputError
@@ -44,6 +45,7 @@ class Command:
         os.close(writes)
         with os.fdopen(reads) as stdin:
             self._monkeypatch.setattr(sys, 'stdin', stdin)
+            words = ['--controller=simulated', *words]
             self._monkeypatch.setattr(sys, 'argv', ['first-run', *words])
             return first_run.main()
 
@@ -107,3 +109,40 @@ def test_answers_can_come_from_a_file(monkeypatch, tmp_path):
     call.typed = b'q\n'
     assert call('127.0.0.1') == 0
     assert load(first_run.Path('first_run_127.0.0.1.html')).about['answers'] == 'q'
+
+
+def looked(call, monkeypatch, **found):
+    """Run the command without --controller, with a result of the look."""
+
+    async def look(arguments):
+        return Look(arguments.address, 5000, **found)
+
+    monkeypatch.setattr(first_run, 'look', look)
+    return call('127.0.0.1', '--controller=')
+
+
+def test_profile_and_model_of_the_controller_are_used(call, monkeypatch):
+    assert looked(call, monkeypatch, profile='remote', model='t6_602s') == 0
+    question = call.run.question
+    assert (question.profile.name, question.model.name) == ('remote', 't6_602s')
+    about = load(first_run.Path('first_run_127.0.0.1.html')).about
+    assert (about['controller'], about['robot']) == ('remote', 't6_602s')
+
+
+def test_unknown_model_is_never_assumed(call, monkeypatch, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        looked(call, monkeypatch, profile='spel')
+    assert 'does not report its model: give --robot MODEL' in capsys.readouterr().err
+    assert call.run is None
+
+
+def test_address_without_a_controller_is_reported(call, monkeypatch, capsys):
+    assert looked(call, monkeypatch) == 1
+    assert 'no controller answers' in capsys.readouterr().out
+
+
+def test_missing_address_is_reported(monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['first-run'])
+    with pytest.raises(SystemExit, match='2'):
+        first_run.main()
+    assert 'a file of connect, is needed' in capsys.readouterr().err

@@ -24,7 +24,7 @@ from epson_driver.remote_ethernet.client import logged_in
 from epson_driver.share import share_file
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_kinds import parse
-from epson_driver.sim_controller.remote import status_words
+from epson_driver.sim_controller.remote import remote_commands
 
 NAMES = (
     'abb',
@@ -398,7 +398,9 @@ def test_paused_tasks_do_not_contradict_the_profile():
 
 
 def test_stopped_main_and_wrong_control_device_are_reported(monkeypatch):
-    monkeypatch.setattr(status_words, 'CONTROL_DEVICE', 21)
+    rc = remote_commands.COMMANDS['GetContDev']
+    rc = dataclasses.replace(rc, run=lambda *_: '21')
+    monkeypatch.setitem(remote_commands.COMMANDS, 'GetContDev', rc)
 
     _, findings = examined('spel', prepare=ended, may_ask=True)
     held = found_at(findings, Level.HELD)
