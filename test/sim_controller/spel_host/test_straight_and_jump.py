@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move, Jump, Pallet and places in space, by the kinematics of six-axis arms and SCARAs."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -564,3 +565,19 @@ def test_scara_reaches_a_point_with_its_taught_hand(caplog, hand):
     harness = SpelProgramHarness(source, caplog, model=SCARA, start=start)
     harness.step(5.0)
     assert harness.printed == [f'{-1 if hand == "R" else 0} 150 -1']
+
+
+@pytest.mark.invariant(2)
+def test_inv2_line_past_a_singularity_is_refused(caplog):
+    """A real arm would leave the line (p157), in a way that is not known."""
+    caplog.set_level(logging.INFO)
+    harness = SpelProgramHarness(
+        'Function main\n  Motor On; Power High; P1 = Here +Z(100)\n  Move P1\nFend\n',
+        caplog,
+        start=np.radians([0.0, -10.0, 20.0, 5.0, 12.0, 0.0]),
+    )
+    harness.until(lambda: harness.controller.error_number)
+    assert harness.controller.error_number == 4007
+    assert 'a singularity at ' in caplog.text
+    assert 'AvoidSingularity is not simulated' in caplog.text
+    assert np.ptp(harness.positions, axis=0).max() < 1e-9
