@@ -12,7 +12,6 @@ from epson_driver.spel.host import Memory
 from epson_driver.spel.library import format_string, parse_string, value_of
 from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
-    Counter,
     Linked,
     Reference,
     SharedState,
@@ -32,7 +31,6 @@ from epson_driver.spel.values import (
     store,
 )
 
-_MAX_COUNTERS = 16
 _MAX_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
@@ -295,14 +293,6 @@ def _decimal_out(task: Task, port: float, value: float, words: tuple[str, ...] =
     task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, tens << 4 | ones)
 
 
-def reset_counter(task: Task, bit: float) -> None:
-    """CTReset bit: restart the counter of an input at 0."""
-    counters, number = task.world.counters, nearest(bit)
-    if number not in counters and len(counters) == _MAX_COUNTERS:
-        raise bad('CTReset', f'{_MAX_COUNTERS} inputs are already counted')
-    counters[number] = Counter(0, task.world.host.read_bits(Memory.INPUT, number, 1))
-
-
 # Terminal
 
 
@@ -455,7 +445,6 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'setin': _bits('SetIn', Memory.INPUT, 8, None),
     'setinw': _bits('SetInW', Memory.INPUT, 16, None),
     'opbcd': _decimal_out,
-    'ctreset': reset_counter,
     'msgbox': message_box,
     'pallet': define_pallet,
     'palletclr': clear_pallet,

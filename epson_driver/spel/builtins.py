@@ -112,28 +112,11 @@ def _decimal_in(task: Task, port: int) -> int:
     return (value >> 4) * 10 + (value & 15)
 
 
-def _counted(task: Task, bit: int) -> int:
-    counter = task.world.counters.get(bit)
-    if counter is None:
-        raise bad('Ctr', f'input {bit} is not counted: CTReset {bit}')
-    return counter.count
-
-
 def _io_number(task: Task, label: str) -> int:
     result = task.world.program.data.labels.get(label.lower())
     if result is None:
         raise bad('IONumber', f'unknown I/O label {label}')
     return result
-
-
-def _io_label(task: Task, kind: int, width: int, number: int) -> str:
-    return task.world.program.data.io_labels.get((kind, width, number), '')
-
-
-def _io_defined(task: Task, kind: int | str, width: int = 1, number: int = 0) -> int:
-    if isinstance(kind, str):
-        return -(kind.lower() in map(str.lower, task.world.program.data.io_labels.values()))
-    return -bool(_io_label(task, kind, width, number))
 
 
 TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -164,10 +147,7 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'in': _bits(Memory.INPUT, 8),
     'inw': _bits(Memory.INPUT, 16),
     'inbcd': _decimal_in,
-    'ctr': _counted,
     'ionumber': _io_number,
-    'iodef': _io_defined,
-    'iolabel$': _io_label,
     'oport': _bits(Memory.OUTPUT, 1),
     'out': _bits(Memory.OUTPUT, 8),
     'outw': _bits(Memory.OUTPUT, 16),

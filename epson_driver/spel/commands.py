@@ -78,25 +78,25 @@ class CommandRule:
 
 _FORMS = """
 @: If Select Do For Exit Return Call OnErr EResume Redim Xqt Wait Trap Print Input SetNet OpenNet
-@: CloseNet Here Local Box Plane Pallet Pass
+@: CloseNet Here Local Pallet Pass
 @jump: GoTo GoSub
 @task_command: Quit Halt Resume TaskWait StartMain
 @line_input: Line
 @transfer: Read ReadBin Write WriteBin
-@open: AOpen BOpen ROpen UOpen WOpen
+@open: AOpen ROpen WOpen
 @motion: Go Move Arc Arc3 Jump Jump3 Jump3CP JumpTLZ Pulse TGo TMove BGo BMove
 @store: Till Sense Find
 -: Pause Cont ResetElapsedTime ClearPoints Joint
-n: TMOut Signal SyncUnlock TmReset MemOn MemOff PalletClr LocalClr CTReset Close Flush
+n: TMOut Signal SyncUnlock TmReset MemOn MemOff PalletClr LocalClr Close Flush
 n?: Randomize Where
-n,n: MemOut MemOutW SetSw SetIn SetInW Seek
+n,n: MemOut MemOutW SetSw SetIn SetInW
 #,n?: WaitNet
-n,n?: Error WaitSig SyncLock BoxClr PlaneClr
+n,n?: Error WaitSig SyncLock
 n,n,n: Arch
 n,n?,n?,w(Forced)?: On Off
 n,n,w(Forced)?: Out OutW OpBCD
-s: SavePoints Del MkDir RmDir ChDir
-s,s: Copy Rename RenDir
+s: SavePoints Del MkDir
+s,s: Copy
 s,w(Merge)?: LoadPoints
 s,n?,s?,v?: MsgBox
 s,a,s: ParseStr
@@ -105,7 +105,7 @@ q,n: PLocal
 q,s: PLabel
 q,q?: PDel
 q?,q?: PList
-q?,n?: Hand Elbow Wrist J1Flag J2Flag J4Flag J6Flag J1Angle J4Angle
+q?,n?: Hand
 """
 """Statements of the interpreter. For @ the parser's method has the statement's name."""
 

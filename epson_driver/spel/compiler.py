@@ -452,7 +452,6 @@ class Compiler:
             '@set_net': 'isin',
             '@open': 'si',
             '@local': 'i' + 'p' * (count - 1),
-            '@plane': 'ii'[: 1 + count % 2] + 'ppp',
             '@pallet': 'i' + 'p' * (count - 3) + 'ii',
         }.get(rule.form, '')
         codes = []

@@ -529,8 +529,6 @@ class Expressions:
             if TYPES[type_name].kind != STRING:
                 raise SyntaxProblem(value.at, 'must be a string variable', 'type')
             return Code(taker, STRING)
-        if kind == 'o' and isinstance(value, Name) and value.name.lower() == 'all':
-            return Code('1', INT)  # only one robot exists
         if kind == 't' and isinstance(value, Name):
             key = value.name.lower()
             if key in self.scope.functions and self.scope.variable(key) is None:

@@ -11,7 +11,6 @@ answers and ports.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from pathlib import Path, PurePosixPath
 
 from epson_driver.inputs import InputError, near_name, printable, read_file, read_yaml, write_file
@@ -56,8 +55,6 @@ class Files:
         self._keep = keep
         self._written: dict[str, bytes | None] = {}
         self._folders: set[str] = set()
-        self.current = ''
-        """Current folder of ChDir, below the folder."""
 
     def fresh(self) -> 'Files':
         """Return the original files without anything written, in memory only."""
@@ -68,11 +65,8 @@ class Files:
         return '/'.join(self._parts(name)).lower()
 
     def _parts(self, name: str) -> list[str]:
-        text = name.replace('\\', '/')
-        if not text.startswith('/') and text[1:2] != ':':
-            text = f'{self.current}/{text}'
         parts: list[str] = []
-        for part in PurePosixPath(text).parts:
+        for part in PurePosixPath(name.replace('\\', '/')).parts:
             if part == '..' and parts:
                 parts.pop()
             elif part not in ('..', '/', '.'):
@@ -121,23 +115,6 @@ class Files:
                 self._target(name, key).mkdir()
         self._folders.add(key)
 
-    def remove_folder(self, name: str) -> None:
-        """Remove a folder that is empty. Raises SpelError."""
-        key = self.path(name)
-        there = self._there(key)
-        inside = any(path.startswith(f'{key}/') and self._written[path] is not None
-                     for path in self._written)  # fmt: skip
-        if not self.has_folder(name) or inside or (there is not None and any(there.iterdir())):
-            raise _bad(f'no empty folder {name}')
-        self._folders.discard(key)
-        if self._keep and there is not None:
-            there.rmdir()
-
-    def rename_folder(self, source: str, target: str) -> None:
-        """Rename an empty folder. Raises SpelError."""
-        self.remove_folder(source)
-        self.make_folder(target)
-
     def has_folder(self, name: str) -> bool:
         """Return whether a folder exists."""
         key = self.path(name)
@@ -145,18 +122,6 @@ class Files:
             return True
         there = self._there(key)
         return there is not None and there.is_dir()
-
-    def changed(self, name: str, now: datetime) -> datetime:
-        """Return the modification time of a file, `now` for the program's own.
-
-        Raises SpelError.
-        """
-        if self.read(name) is None:
-            raise no_file(name)
-        there = self._there(self.path(name))
-        if self.path(name) in self._written or there is None:
-            return now
-        return datetime.fromtimestamp(there.stat().st_mtime)
 
     def _there(self, key: str) -> Path | None:
         """Return the path of a file or folder in the folder, ignoring case, or None."""

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.functions import AXES, TURNS
@@ -19,17 +18,6 @@ PLACES = 9
 """Decimals, mm or degrees, to which a product of rotations is rounded."""
 MAX_PLACES = 32_767
 """Maximum number of places of a pallet."""
-
-
-class Area(NamedTuple):
-    """A box from its lower to its upper corner, mm. An axis from 0 to 0 is unlimited.
-
-    `frame` is the number of a local, or a place.
-    """
-
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    frame: int | Point
 
 
 def changed(point: Point, operator: str, axis: str, value: float) -> Point:

@@ -3,7 +3,7 @@
 """All functions as one table: evaluation, arguments, result, names.
 
 Arguments: `n` a number, `i` a whole number, `s` a string, `x` either, `p` a point, `q` the number
-of a point (P1, its label), `a` an array, `v` a variable, `o` a robot's number or All, `t` a task
+of a point (P1, its label), `a` an array, `v` a variable, `t` a task
 (its number or a function's name). `?` marks an optional argument. Results: `i`, `n` (a Double),
 `f` (a Real), `s`, `p`, and `=` for the kind of the first argument. A condition of Wait, Till or
 Trap may use the functions with a star.
@@ -61,21 +61,19 @@ value n,n,n,n,n?,n?,n? p: AglToPls
 value i,i,i,i,i?,i?,i? p: Pulse
 task p,p?,i? p: LJM
 task i p: P Local
-task i,o? p: Plane
-task i,i,i? p: Box Pallet
+task i,i,i? p: Pallet
 task q i: PDef PNumber
 task q s: PLabel$
-task p? i: Hand Elbow Wrist J1Flag J2Flag J4Flag J6Flag J1Angle J4Angle
+task p? i: Hand
 task p,p f: Dist
 task p i: PLocal
-task i,o? i: BoxDef InsideBox PlaneDef InsidePlane
 task i,i f: Arch
-task i i: LocalDef Time ChkNet OpenNet Eof GetRobotInsideBox* GetRobotInsidePlane* Lof*
-task i i: Sw* In* InW* Oport* Out* OutW* MemSw* MemIn* MemInW* InBCD* Ctr*
+task i i: LocalDef Time ChkNet OpenNet Eof Lof*
+task i i: Sw* In* InW* Oport* Out* OutW* MemSw* MemIn* MemInW* InBCD*
 task n n: Rnd
 task i n: Tmr
 task - n: ElapsedTime
-task - s: Date$ Time$ CurDir$
+task - s: Date$ Time$
 task - i: TW MyTask Ert FreeFile
 task t i: TaskState TaskDone
 task t,i i: TaskInfo
@@ -83,10 +81,7 @@ task t? i: Err Erl Era
 task t? s: Erf$
 task i,i? s: ErrMsg$
 task s i: FileExists FileLen FolderExists IONumber
-task s s: FileDateTime$
 call s,v? i: Eval
-task x,i?,i? i: IODef
-task i,i,i s: IOLabel$
 host i i: CtrlInfo Stat RobotInfo TLDef Accel Pls RealPls
 host i? i: SysErr Speed AccelMax
 host - i: ErrorOn* EStopOn* SafetyOn* PauseOn* TeachOn* Motor* AtHome*
@@ -102,7 +97,6 @@ host p f: CX CY CZ CU CV CW
 host p,i i: PPls
 host p,i f: PAgl
 host p i: TargetOK
-host p,i,i f: PTPTime
 """
 
 
@@ -121,10 +115,10 @@ STUB_RESULTS = {
     name: kind
     for kind, names in {
         'p': 'align alignecp armdef cnv_point cnv_queget ecpset findpos latchpos recoverpos '
-        'vistrans vxtrans workque_get base diffpoint hofs',
+        'vistrans vxtrans workque_get base diffpoint hofs box plane',
         'n': 'accelr aio_in avgspeed cnv_lpulse cnv_pulse cnv_speed difftoolorientation '
         'finedist healthrbinfo healthctrlinfo inertia inreal olrate outreal peakspeed ptrq atrq '
-        'realtorque realaccel singularityangle singularityspeed tcpspeed tcspeed weight',
+        'realtorque realaccel singularityangle singularityspeed tcpspeed tcspeed weight ptptime',
     }.items()
     for name in names.split()
 }
@@ -141,10 +135,7 @@ POSTURES = {
     'j4flag': ('j4f0', 'j4f1'),
     'j6flag': tuple(f'j6f{turn}' for turn in range(128)),
 }
-"""Functions and statements of a point's posture, with its flags, the default first."""
-
-ANGLES = {'j1angle': 'j1a', 'j4angle': 'j4a'}
-"""Functions of joint angles that a place does not determine: prefix of their flags."""
+"""Properties of a point's posture, each with its flags, the default first."""
 
 POINT_FLAGS = frozenset(flag for flags in POSTURES.values() for flag in flags)
 

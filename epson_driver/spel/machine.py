@@ -22,14 +22,9 @@ from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.file_access import FILE_FUNCTIONS, FILE_STATEMENTS
 from epson_driver.spel.files import ProgramEnvironment
-from epson_driver.spel.host import Host, Memory
+from epson_driver.spel.host import Host
 from epson_driver.spel.library import VALUE_FUNCTIONS, power, remainder
-from epson_driver.spel.point_actions import (
-    AREA_FUNCTIONS,
-    AREA_STATEMENTS,
-    POINT_FUNCTIONS,
-    POINT_STATEMENTS,
-)
+from epson_driver.spel.point_actions import POINT_FUNCTIONS, POINT_STATEMENTS
 from epson_driver.spel.ports import NET_STATEMENTS
 from epson_driver.spel.project import command
 from epson_driver.spel.ranges import refuse
@@ -92,7 +87,7 @@ _EVENT_TRAPS = {
 
 def all_statements() -> dict[str, Callable[..., None]]:
     """Return the statements of the interpreter, by name in lower case."""
-    tables = (STATEMENTS, NET_STATEMENTS, POINT_STATEMENTS, FILE_STATEMENTS, AREA_STATEMENTS)
+    tables = (STATEMENTS, NET_STATEMENTS, POINT_STATEMENTS, FILE_STATEMENTS)
     return {name: run for table in tables for name, run in table.items()}
 
 
@@ -174,7 +169,7 @@ class Machine:
             'ADDED': frames.added,
         }
         self._names = names
-        in_task = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS, **AREA_FUNCTIONS}
+        in_task = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS}
         for table, letter in ((VALUE_FUNCTIONS, 'f'), (in_task, 't')):
             for name, function in table.items():
                 names[f'{letter}_{name.replace("$", "_s")}'] = function
@@ -407,7 +402,7 @@ class Machine:
                 times.append(waiting.until)
             if waiting.scanned:
                 times.append(waiting.next_scan)
-        if self.world.traps or self.world.counters:
+        if self.world.traps:
             times.append(self._next_scan)
         times += [due for due, _ in self.world.later]
         return min(times, default=None)
@@ -437,10 +432,9 @@ class Machine:
                 task.wake(False)
             elif waiting.until is not None and time >= waiting.until:
                 task.wake(True)
-        if (self.world.traps or self.world.counters) and time >= self._next_scan:
+        if self.world.traps and time >= self._next_scan:
             self._next_scan = time + self.world.timing.scan
             self._spring()
-            self._count()
 
     def _spring(self) -> None:
         """Start the actions of all Traps whose condition is met, once each."""
@@ -466,13 +460,6 @@ class Machine:
                 if trap.action == 'call':
                     trap.task.discontinue()
                     trap.task.interrupted_by = started
-
-    def _count(self) -> None:
-        """Count the inputs of CTReset that have switched on since the last scan."""
-        for bit, counter in self.world.counters.items():
-            now = self.world.host.read_bits(Memory.INPUT, bit, 1)
-            counter.count = (counter.count + (now > counter.last)) & 0xFFFF
-            counter.last = now
 
     def _start_wait(self, task: Task) -> None:
         """Start the time of a wait at the end of its statement, not at the start of the turn."""

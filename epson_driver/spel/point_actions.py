@@ -1,23 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements and functions of points, their labels, postures and files, of locals, and of areas.
-
-The areas Box and Plane detect the tool in them (p169-174, p349, p437, p626).
-"""
+"""Statements and functions of points, their labels, postures and files, and of locals."""
 
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime
-from functools import partial
-from math import inf
 from typing import Any
 
-from epson_driver.spel import frames
 from epson_driver.spel.actions import print_terminal, within
 from epson_driver.spel.builtins import point
 from epson_driver.spel.errors import bad
-from epson_driver.spel.frames import Area, changed, frame_between, frame_of, local_of
-from epson_driver.spel.functions import ANGLES, POSTURES, subject
+from epson_driver.spel.frames import changed, frame_between, frame_of, local_of
 from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
 from epson_driver.spel.task import Task
 from epson_driver.spel.values import Point, nearest
@@ -103,39 +96,19 @@ def save_points(task: Task, name: str) -> None:
     world.files.write(name, text.encode('latin-1', 'replace'))
 
 
-def _posture(name: str) -> Callable[..., None]:
-    show = _posture_of(name)
-
-    def run(task: Task, number: int | None = None, value: float | None = None) -> None:
-        if number is None or value is None:  # display only
-            result = None if number is None else point(task, number)
-            print_terminal(task, f'{show(task, result)}\n')
-            return
-        if name in ANGLES:
-            flag = f'{ANGLES[name]}{value:g}'
-        else:
-            flags, first = POSTURES[name], _first(name)
-            flag = flags[within(name, nearest(value), first, first + len(flags) - 1) - first]
+def _set_hand(task: Task, number: int | None = None, value: float | None = None) -> None:
+    """Hand [point[, 1|2]]: set Righty or Lefty, or display it without a value."""
+    if number is None or value is None:
+        print_terminal(task, f'{_hand(task, None if number is None else point(task, number))}\n')
+    else:
+        flag = 'rl'[within('Hand', nearest(value), 1, 2) - 1]
         task.world.points[number] = point(task, number).flagged(flag)
 
-    return run
 
-
-def _posture_of(name: str) -> Callable[..., int]:
-    def read(task: Task, of: Point | None = None) -> int:
-        result = task.value('here', ()) if of is None else of
-        assert isinstance(result, Point)  # noqa: S101 - Here is one
-        flag = next((item for item in result.flags if subject(item) == ANGLES.get(name, name)), '')
-        if name in ANGLES:
-            return nearest(float(flag[3:] or 0))
-        return _first(name) + (POSTURES[name].index(flag) if flag else 0)
-
-    return read
-
-
-def _first(name: str) -> int:
-    """Return the number of the usual posture: Hand, Elbow and Wrist count from 1."""
-    return int(name[0] != 'j')
+def _hand(task: Task, of: Point | None = None) -> int:
+    result = task.value('here', ()) if of is None else of
+    assert isinstance(result, Point)  # noqa: S101 - Here is one
+    return 2 if 'l' in result.flags else 1
 
 
 def _least_motion(task: Task, of: Point, near: Point | None = None, number: int = 1) -> Point:
@@ -207,7 +180,7 @@ POINT_STATEMENTS: dict[str, Callable[..., None]] = {
     'plocal': set_local,
     'local': define_local,
     'localclr': lambda task, number: task.world.locals.pop(nearest(number), None),
-    **{name: _posture(name) for name in (*POSTURES, *ANGLES)},
+    'hand': _set_hand,
 }
 """Name of the statement in lower case → function that executes it."""
 
@@ -220,96 +193,6 @@ POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'plocal': lambda _task, of: local_of(of),
     'local': _local,
     'localdef': lambda task, number: -(number in task.world.locals),
-    **{name: _posture_of(name) for name in (*POSTURES, *ANGLES)},
+    'hand': _hand,
 }
 """Name of the function in lower case → its implementation."""
-
-
-_LIMITS = 6
-_KINDS = ('box', 'plane')
-
-
-def _key(kind: str, number: float, robot: float | None = None) -> tuple[str, int]:
-    """Return the key of an area. Raises SpelError if the number or the robot is invalid."""
-    if robot not in (None, 1):
-        raise bad(kind.capitalize(), f'robot {robot:g}: must be robot 1')
-    return kind, nearest(number)
-
-
-def define_box(task: Task, number: float, *given: float, words: tuple[str, ...] = ()) -> None:
-    """Box n, [robot,] x, x, y, y, z, z[, On|Off] [/LOCAL]: the last value is the local."""
-    task.may('box')
-    *numbers, local = given
-    robot = numbers.pop(0) if len(numbers) > _LIMITS + ('logic' in words) else None
-    low, high = tuple(numbers[:_LIMITS:2]), tuple(numbers[1:_LIMITS:2])
-    if any(a > b for a, b in zip(low, high, strict=True)):
-        raise bad('Box', 'a lower limit is above its upper limit')
-    area = Area(low, high, within('Box', nearest(local), 0, 15))
-    task.world.areas[_key('box', number, robot)] = area
-
-
-def define_plane(task: Task, number: int, *given: Any) -> None:
-    """Plane n, [robot,] place, or an origin and points on X and Y: its +Z side is inside."""
-    task.may('plane')
-    robot = None if isinstance(given[0], Point) else given[0]
-    points = [task.world.host.stored_point(item) for item in given if isinstance(item, Point)]
-    frame = frames.frame_of('Plane', task.world.placed(points))
-    task.world.areas[_key('plane', number, robot)] = Area((-inf, -inf, 0.0), (inf,) * 3, frame)
-
-
-def _clear(kind: str, task: Task, number: float, robot: float | None = None) -> None:
-    task.world.areas.pop(_key(kind, number, robot), None)
-
-
-def _found(task: Task, kind: str, number: int, robot: int | None = None) -> Area:
-    area = task.world.areas.get(_key(kind, number, robot))
-    if area is None:
-        raise bad(kind.capitalize(), f'{number} is not defined')
-    return area
-
-
-def _defined(kind: str, task: Task, number: int, robot: int | None = None) -> int:
-    return -(_key(kind, number, robot) in task.world.areas)
-
-
-def _inside(kind: str, task: Task, number: int, robot: int | None = None) -> int:
-    """Return InsideBox and InsidePlane: -1 if the tool is in the area."""
-    area = task.world.areas.get(_key(kind, number, robot))
-    if area is None:
-        return 0
-    here = task.value('realpos', ())
-    assert isinstance(here, Point)  # noqa: S101 - RealPos is one
-    if isinstance(area.frame, Point):
-        here = frames.within(area.frame, here)
-    else:
-        here = frames.in_local(here, area.frame, task.world.locals)
-    limits = zip(area.low, here.values, area.high, strict=False)
-    return -all(low == high == 0.0 or low <= at <= high for low, at, high in limits)
-
-
-def _robots(kind: str, task: Task, number: int) -> int:
-    """Return GetRobotInsideBox and GetRobotInsidePlane: bit 0 is robot 1."""
-    return -_inside(kind, task, number)
-
-
-def _corner(task: Task, number: int, *given: int) -> Point:
-    """Return Box(n[, robot], 1|2)."""
-    *robot, which = given
-    area = _found(task, 'box', number, *robot)
-    corner = area.low if which == 1 else area.high
-    return Point('xy', (*corner, 0.0, 0.0, 0.0), (str(area.frame),))
-
-
-AREA_STATEMENTS: dict[str, Callable[..., None]] = {
-    'box': define_box,
-    'plane': define_plane,
-    **{f'{kind}clr': partial(_clear, kind) for kind in _KINDS},
-}
-
-AREA_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    'box': _corner,
-    'plane': lambda task, number, *robot: _found(task, 'plane', number, *robot).frame,
-    **{f'{kind}def': partial(_defined, kind) for kind in _KINDS},
-    **{f'inside{kind}': partial(_inside, kind) for kind in _KINDS},
-    **{f'getrobotinside{kind}': partial(_robots, kind) for kind in _KINDS},
-}

@@ -353,22 +353,6 @@ class Statements:
             given[1:] = [Apply('XY', values, first.position)]
         return Command(first.text, tuple(given), first.position, tuple(words))
 
-    def read_box(self, reader: Reader, first: Token) -> Command:
-        """Read Box n, [robot,] six limits[, On|Off] [/LOCALn], the local as the last value."""
-        given = [reader.expression()]
-        words: tuple[str, ...] = ()
-        while reader.takes(','):
-            words = ('logic',) if reader.sees('on', 'off') else words
-            given.append(reader.expression())
-        local: Expression = Number(0, first.position)
-        last = given[-1]
-        if isinstance(last, Binary) and last.operator == '/':
-            given[-1], local = last.left, _local_of(last.right)
-        if len(given) - bool(words) not in (7, 8):
-            text = f'{first.text} takes a number, perhaps a robot, and six limits'
-            raise SyntaxProblem(first.position, text, 'arguments')
-        return Command(first.text, (*given, local), first.position, words)
-
     def read_open(self, reader: Reader, first: Token) -> Command:
         """Read WOpen name As #n, and the other statements that open a file."""
         name = reader.expression()
@@ -386,15 +370,6 @@ class Statements:
             text = f'{first.text} takes a number, three or four points, columns and rows'
             raise SyntaxProblem(first.position, text, 'arguments')
         return Command(first.text, given, first.position, words)
-
-    def read_plane(self, reader: Reader, first: Token) -> Command:
-        """Read Plane n, [robot,] and one point or three."""
-        given = () if reader.at_end() else reader.expressions()
-        if not 2 <= len(given) <= 5:
-            text = f'{first.text} takes a number, perhaps a robot, and one point or three: '
-            text += 'without any it displays, which is not simulated'
-            raise SyntaxProblem(first.position, text, 'arguments')
-        return Command(first.text, given, first.position)
 
     def read_abort_motion(self, reader: Reader, first: Token) -> Command:
         """Read AbortMotion n|All."""
@@ -532,17 +507,15 @@ class Statements:
                 if reader.sees('('):
                     indices += reader.arguments()
             else:
-                arguments.append(reader.argument())
+                arguments.append(_without_local(reader.argument()))
         return Stub(first.text, tuple(arguments), tuple(indices), first.position)
 
 
-def _local_of(word: Expression) -> Expression:
-    """Return the number of /LOCAL1 or /LOCAL(i)."""
-    if isinstance(word, Apply) and word.name.lower() == 'local' and len(word.arguments) == 1:
-        return word.arguments[0].value
-    if isinstance(word, Name) and (number := word.name.lower().removeprefix('local')).isdigit():
-        return Number(int(number), word.at)
-    raise SyntaxProblem(word.at, 'expected LOCAL and a number')
+def _without_local(argument: Argument) -> Argument:
+    """Return the last limit of Box without its local, as in 50 /LOCAL1 (p171)."""
+    value = argument.value
+    local = isinstance(value, Binary) and getattr(value.right, 'name', '').lower()[:5] == 'local'
+    return Argument(value.left) if isinstance(value, Binary) and local else argument
 
 
 def _is_pair(reader: Reader) -> bool:

@@ -14,7 +14,7 @@ from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
 from epson_driver.spel.files import ProgramEnvironment
-from epson_driver.spel.frames import Area, Pallet, in_local, in_world, turned_step
+from epson_driver.spel.frames import Pallet, in_local, in_world, turned_step
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, Memory, MotionRequest, NetSettings
 from epson_driver.spel.values import (
@@ -150,15 +150,6 @@ class OpenFile:
     data: bytearray
     at: int
     reads: bool
-    writes: bool
-
-
-@dataclass(slots=True)
-class Counter:
-    """Number of times an input has switched on (p257), and its last state."""
-
-    count: int
-    last: int
 
 
 @dataclass(slots=True)
@@ -198,7 +189,6 @@ class SharedState:
         self.stubs = around.new_stubs()
         self.files = around.files
         self.open_files: dict[int, OpenFile] = {}
-        self.counters: dict[int, Counter] = {}
         self.locks: dict[int, int] = {}
         self.signals: dict[int, int] = {}
         self.points: dict[int, Point] = {}
@@ -209,7 +199,6 @@ class SharedState:
         self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
         """The arch table: depart and approach distance, mm (p111)."""
         self.pallets: dict[int, Pallet] = {}
-        self.areas: dict[tuple[str, int], Area] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
         self.elapsed_from = 0.0

@@ -18,7 +18,7 @@ from epson_driver.spel.library import VALUE_FUNCTIONS
 from epson_driver.spel.lint import check
 from epson_driver.spel.machine import all_statements
 from epson_driver.spel.parser import Parser
-from epson_driver.spel.point_actions import AREA_FUNCTIONS, POINT_FUNCTIONS
+from epson_driver.spel.point_actions import POINT_FUNCTIONS
 from epson_driver.spel.words import CONSTANTS, WORDS, is_a
 
 VALUES = {
@@ -133,14 +133,12 @@ VALUES = {
     'rset$': ('RSet$("ab", 4)', '  ab'),
     'pnumber': ('PNumber(P7)', '7'),
     'plabel$': ('PLabel$(3) + "|"', '|'),
-    **{name: (f'{name}(XY(0, 0, 0, 0))', '1') for name in ('hand', 'elbow', 'wrist')},
-    **{f'j{n}flag': (f'J{n}Flag(Here)', '0') for n in (1, 2, 4, 6)},
+    'hand': ('Hand(XY(0, 0, 0, 0))', '1'),
     'dist': ('Dist(XY(0, 0, 0, 0), XY(3, 4, 0, 0))', '5'),
     'localdef': ('LocalDef(1)', '0'),
     'freefile': ('FreeFile', '30'),
     'fileexists': ('FileExists("no.txt")', '0'),
     'folderexists': ('FolderExists("")', '-1'),
-    'curdir$': ('CurDir$', '/'),
     'inbcd': ('InBCD(0)', '8'),
     'js': ('JS', '0'),
     'posfound': ('PosFound', '0'),
@@ -157,23 +155,12 @@ VALUES = {
     'plocal': ('PLocal(XY(0, 0, 0, 0) /2)', '2'),
     'ljm': ('CX(LJM(XY(1, 2, 3, 4), Here))', '1'),
     'cp': ('CP', '0'),
-    'boxdef': ('BoxDef(1)', '0'),
-    'insidebox': ('InsideBox(1)', '0'),
-    'getrobotinsidebox': ('GetRobotInsideBox(1)', '0'),
-    'planedef': ('PlaneDef(1)', '0'),
-    'insideplane': ('InsidePlane(1, All)', '0'),
-    'getrobotinsideplane': ('GetRobotInsidePlane(1)', '0'),
-    'j1angle': ('J1Angle(XY(1, 2, 3, 4) /2 /J1A(90))', '90'),
-    'j4angle': ('J4Angle(XY(1, 2, 3, 4))', '0'),
-    'iodef': ('IODef(0, 1, 3)', '0'),
-    'iolabel$': ('IOLabel$(0, 1, 3)', ''),
-    'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
 }
 """An expression for each function and its printed value, with input 3 on."""
 
 WITH_VARIABLES = {
-    'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof', 'filelen', 'filedatetime$', 'ctr',
-    'ionumber', 'box', 'plane', 'eval',
+    'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof', 'filelen',
+    'ionumber', 'eval',
 }  # fmt: skip
 """Functions that are tested with a program, below or in test_types.py."""
 
@@ -197,7 +184,7 @@ def test_every_function_has_a_test_and_one_implementation() -> None:
         for kind in ('value', 'task', 'host')
     }
     assert by['value'] == VALUE_FUNCTIONS.keys()
-    own = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS, **AREA_FUNCTIONS}
+    own = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS}
     assert by['task'] == own.keys()
     assert {name for name in FUNCTIONS if not is_a('function', name)} == {'p'}
     assert not FUNCTIONS.keys() & CONSTANTS.keys()
@@ -283,12 +270,6 @@ STATEMENTS_AT_WORK = {
     'memoutw': ('MemOutW 1, -1\nPrint MemInW(1)', ['65535']),
     'pallet': (f'{PALLET}\nP1 = Pallet(1, 5)\nPrint CX(P1), CY(P1), CU(P1)', ['10 10 9']),
     'palletclr': (f'{PALLET}\nPalletClr 1\nOnErr GoTo a\nGo Pallet(1, 1)\na: Print Err', ['7007']),
-    'box': ('Box 1, 0, 1, 0, 1, 0, 1\nPrint BoxDef(1), CX(Box(1, 2))', ['-1 1']),
-    'boxclr': ('Box 1, 0, 1, 0, 1, 0, 1\nBoxClr 1\nPrint BoxDef(1)', ['0']),
-    'plane': ('Plane 1, XY(1, 2, 3, 4)\nPrint PlaneDef(1), CZ(Plane(1))', ['-1 3']),
-    'planeclr': ('Plane 1, XY(1, 2, 3, 4)\nPlaneClr 1\nPrint PlaneDef(1)', ['0']),
-    'j1angle': ('P1 = XY(1, 2, 3, 4) /2\nJ1Angle P1, 90\nPrint J1Angle(P1), PLocal(P1)', ['90 2']),
-    'j4angle': ('P1 = XY(1, 2, 3, 4)\nJ4Angle P1, 10\nJ4Angle P1, 20\nJ4Angle P1', ['20']),
     'fmtstr': ('String s$\nFmtStr 1.5, "00.00", s$\nPrint s$', ['01.50']),
     'where': ('Where', ['0']),
     'joint': ('Joint', ['0']),
@@ -334,10 +315,7 @@ STATEMENTS_AT_WORK = {
          '0 2'],
     ),
     'savepoints': ('SavePoints "a.pts"\nPrint FileExists("a.pts")', ['-1']),
-    **{
-        name.lower(): (f'P1 = XY(1,2,3,4)\n{name} P1, 1\nPrint {name}(P1)', ['1'])
-        for name in ('Hand', 'Elbow', 'Wrist', 'J1Flag', 'J2Flag', 'J4Flag', 'J6Flag')
-    },
+    'hand': ('P1 = XY(1,2,3,4)\nHand P1, 2\nPrint Hand(P1), Hand(P1 /R)\nHand P1', ['2 1', '2']),
     'local': (
         'Local 1, XY(100, 0, 0, 90)\nMotor On\nGo XY(10, 0, 0, 0) /1\n'
         'Print CX(Here), CY(Here), CU(Here), CX(Here @1), LocalDef(1), CX(Local(1))\n'
@@ -350,31 +328,16 @@ STATEMENTS_AT_WORK = {
     'setin': ('SetIn 1, 3\nPrint Sw(9), InW(0)', ['1 768']),
     'setinw': ('SetInW 1, &H8001\nPrint Sw(31), InW(1)', ['1 32769']),
     'opbcd': ('OpBCD 0, 25\nPrint Out(0)', ['37']),
-    'ctreset': (
-        'CTReset 3\nSetSw 3, On\nWait 0.05\nSetSw 3, Off\nWait 0.05\nSetSw 3, On\nWait 0.05\n'
-        'Print Ctr(3)\nCTReset (3)\nPrint Ctr(3)',
-        ['2', '0'],
-    ),
     'aopen': (f'{WRITTEN}AOpen "a.txt" As #30\nPrint #30, 1\nClose #30\n{SHOWN}', ['a', 'b', '1']),
-    'bopen': (f'{WRITTEN}Integer i\nBOpen "a.txt" As #30\nReadBin #30, i\nPrint i', ['97']),
     'ropen': (f'{WRITTEN}{SHOWN}', ['a', 'b']),
-    'uopen': (f'{WRITTEN}UOpen "a.txt" As #30\nWrite #30, "x"\nClose #30\n{SHOWN}', ['x', 'b']),
     'wopen': (f'{WRITTEN}Print FileLen("A.TXT"), FreeFile', ['6 30']),
     'close': ('OnErr GoTo a\nClose #30\na: Print Err', ['9993']),
     'flush': (f'{WRITTEN}WOpen "b" As #31\nPrint #31, 1\nFlush #31\nPrint FileLen("b")', ['3']),
-    'seek': (
-        f'{WRITTEN}String s$\nROpen "a.txt" As #30\nSeek #30, 3\nRead #30, s$, 1\nPrint s$',
-        ['b'],
-    ),
     'copy': (f'{WRITTEN}Copy "a.txt", "b.txt"\nPrint FileLen("b.txt")', ['6']),
     'del': (f'{WRITTEN}Del "a.txt"\nPrint FileExists("a.txt")', ['0']),
-    'rename': (f'{WRITTEN}Rename "a.txt", "c"\nPrint FileExists("a.txt"), FileLen("c")', ['0 6']),
     'arch': ('Arch 6, 10, 20\nPrint Arch(6, 1), Arch(6, 2), Arch(5, 2)', ['10 20 80']),
     'plocal': ('P1 = XY(0, 0, 0, 0)\nPLocal P1, 3\nPrint PLocal(P1)', ['3']),
     'mkdir': ('MkDir "x"\nPrint FolderExists("x"), FolderExists("y")', ['-1 0']),
-    'rendir': ('MkDir "x"\nRenDir "x", "y"\nPrint FolderExists("x"), FolderExists("y")', ['0 -1']),
-    'rmdir': ('MkDir "x"\nRmDir "x"\nPrint FolderExists("x")', ['0']),
-    'chdir': ('MkDir "x"\nChDir "x"\nPrint CurDir$\nChDir ".."\nPrint CurDir$', ['/x', '/']),
 }  # fmt: skip
 """Statements for each command, and the printed text (None: an invalid argument is refused)."""
 
@@ -466,7 +429,7 @@ SOURCES = {
 A_NUMBER = re.compile(r'(?<![\w.$&"])\d+(?:\.\d+)?(?![\w.])')
 HANDLED = re.compile('OnErr|(Till|Sense|Find) Sw')
 """Programs without a run-time error: with a handler, or with an unused motion condition."""
-IT_DEPENDS = re.compile(r'^(Box|Local|Redim|Read|Seek) |Pallet\(|Ctr\(|CTReset 0|#0|Asc\(Tab\$\(0')
+IT_DEPENDS = re.compile(r'^(Local|Redim|Read) |Pallet\(|#0|Asc\(Tab\$\(0')
 """Statements whose validity depends on other numbers or earlier statements."""
 
 

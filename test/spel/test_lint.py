@@ -94,6 +94,8 @@ BAD = [
     ('unknown', 3, main('  Foo 1')),
     ('not-simulated', 3, main('  Curve "a", O, 0, 4, P1, P2, On 2, P(3:7)')),  # p268
     ('not-simulated', 3, main('  CVMove "a" CP Till Sw(1) = On !D10; On 1; Wait 0.1; Off 1!')),
+    ('not-simulated', 3, main('  Box 1, 1, -200, 300, 0, 500, -100, 0, On /LOCAL1')),  # p169
+    ('not-simulated', 3, main('  Wait GetRobotInsideBox(1) = 0, 5')),  # p349
     ('type', 3, main('  Print 1 + "a"')),
     ('portable', 4, main('  Long n(3)\n  f(ByRef n(1))') + 'Function f(ByRef n As Long)\nFend\n'),
     ('arguments', 3, main('  Print Sin(1, 2)')),
