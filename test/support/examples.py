@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, settings
 FULL = 100
 """`max_examples` of the profile in which each test gets the number that it requests."""
 
-MIN_EXAMPLES = 5
+MIN_EXAMPLES = 3
 """Minimum number of examples in any run."""
 
 _ANY_MACHINE = settings(
