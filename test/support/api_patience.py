@@ -33,7 +33,7 @@ def be_patient(set_attribute):
             set_attribute(module, constant, LONG)
     heartbeat = import_module('epson_driver.driver.stopping.heartbeat').Heartbeat
     set_attribute(
-        heartbeat, 'ask', lambda _self: None
+        heartbeat, 'request_version', lambda _self: None
     )  # a process that is not scheduled is not stalled
     settings = import_module('epson_driver.api.settings').Settings
     set_attribute(settings.__init__, '__kwdefaults__', settings.__init__.__kwdefaults__ | DEFAULTS)
