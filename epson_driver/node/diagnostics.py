@@ -149,6 +149,11 @@ class Diagnostics:
         if driver.stopper.alarm is not None:
             yield 'STOP did not work', driver.stopper.alarm
         yield 'goal running', driver.goal_queue.busy
+        delivery = driver.stopper.delivery
+        if delivery.no_plans:
+            yield 'plans refused', delivery.no_plans
+        if no_streams := delivery.no_streams or driver.goal_queue.why_no_stream:
+            yield 'streams refused', no_streams
         servo = driver.servo
         yield 'stream followed', servo.mode or 'none'
         yield 'stream source', servo.source

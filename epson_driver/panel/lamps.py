@@ -24,6 +24,9 @@ WORDS = {
 }
 """The texts of remedies, with the names of the page's buttons."""
 
+NEED_ARMING = (Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.TURN_TO_AUTO, Remedy.ENABLE)
+"""Remedies that end with a button for armed windows."""
+
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
 """Causes that are no fault. The condition of a simulated controller is shown instead of them,
 because it is more specific."""
@@ -44,11 +47,15 @@ class Lamp(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """The reason why the arm cannot move now, and the remedy. `colour`: that of a lamp."""
+    """The reason why the arm cannot move now, and the remedy. `colour`: that of a lamp.
+
+    `armed`: whether the remedy needs an armed window.
+    """
 
     reason: str
     remedy: str
     colour: str
+    armed: bool = False
 
 
 def lamps(state: RobotState, now: float) -> list[Lamp]:
@@ -61,16 +68,16 @@ def lamps(state: RobotState, now: float) -> list[Lamp]:
         for lamp in result
     ]
     shown.insert(3, _door(state, now))
-    gate = Lamp('Arm gate', '?', UNKNOWN)
+    enabled = Lamp('Enabled', '?', UNKNOWN)
     if driver_known and state.gate_open is not None:
-        gate = Lamp('Arm gate', *(('open', GOOD) if state.gate_open else ('closed', WARN)))
-    return [*shown, gate]
+        enabled = Lamp('Enabled', *(('yes', GOOD) if state.gate_open else ('no', WARN)))
+    return [*shown, enabled]
 
 
 def _link(state: RobotState, now: float) -> Lamp:
     if not state.fresh('diagnostics', now):
         return Lamp('Link', 'no driver', UNKNOWN)
-    if state.link == 'connected' and not state.fresh('joints', now):
+    if state.link == 'connected' and state.joints_missing(now):
         return Lamp('Link', 'no joint states', BAD)
     text = state.link.replace('_', ' ')
     return Lamp('Link', text or '?', GOOD if state.link == 'connected' else BAD)
@@ -114,7 +121,7 @@ def advice(state: RobotState, now: float) -> Advice:
     result = state.inhibit
     condition = _condition(state, now)
     if result is None or result.cause in CALM:
-        if not state.fresh('joints', now) or not state.fresh('status', now):
+        if state.joints_missing(now) or not state.fresh('status', now):
             remedy = WORDS[Remedy.CHECK_STATE_SERVER]
             return Advice(state.no_joints or 'the controller is silent', remedy, BAD)
         simulated = _ended(condition) or _held(condition)
@@ -126,7 +133,8 @@ def advice(state: RobotState, now: float) -> Advice:
         return simulated
     if result is not None:
         colour = WARN if result.cause in CALM else BAD
-        return Advice(result.text, with_remedy(result.advice, result.remedy, WORDS), colour)
+        remedy = with_remedy(result.advice, result.remedy, WORDS)
+        return Advice(result.text, remedy, colour, result.remedy in NEED_ARMING)
     doing = 'executing a goal' if state.goal_running else 'ready for a goal'
     return Advice(doing, '', GOOD)
 
@@ -143,10 +151,13 @@ def _ended(condition: Mapping[str, str]) -> Advice | None:
     estop, tasks = condition.get('estop', NO_ESTOP), condition.get('tasks', '')
     if estop != NO_ESTOP:
         first = 'release the E-stop, then ' if estop == 'pressed' else ''
-        return Advice(f'the E-stop is {estop}', f'{first}Reset error, then Enable', BAD)
+        return Advice(f'the E-stop is {estop}', f'{first}Reset error, then Enable', BAD, True)
     if tasks in NO_PROGRAM:
         return Advice(
-            f"the controller's program is {tasks}", 'Tasks: start at the pendant, then Enable', BAD
+            f"the controller's program is {tasks}",
+            'Tasks: start at the pendant, then Enable',
+            BAD,
+            True,
         )
     return None
 

@@ -15,7 +15,7 @@ from epson_driver.panel.robot_control import PENDANT, RobotControl
 from epson_driver.panel.robot_state import RequestError
 from epson_driver.panel.robot_view import RobotView
 from epson_driver.panel.ros_discovery import RosDiscovery
-from epson_driver.panel.sim_pendant import PendantThread
+from epson_driver.panel.sim_pendant import PendantThread, needs_login
 from epson_driver.panel.web_server import WebServer
 from epson_driver.panel.window import BadMessageError, Window, text_of
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
@@ -24,10 +24,10 @@ POSE_PERIOD_S = 0.04
 """Period of poses, s, which makes motion appear continuous."""
 
 TEXT_PERIOD_S = 0.2
-"""Period of texts such as lamps and log, s."""
+"""Period of texts such as lamps and log, and for reading diagnostics, s."""
 
 SLOW_PERIOD_S = 0.5
-"""Period for reading diagnostics and discovering drivers, s."""
+"""Period for discovering drivers, s."""
 
 BEAT_PERIOD_S = 0.5
 """Period of the part that changes always, from which a page sees that the panel runs, s."""
@@ -39,8 +39,18 @@ GONE_AFTER_S = 60.0
 """Silence of a driver after which its robot is removed from the page, s."""
 
 PENDANT_PART = text_of(
-    {'presses': {what: list(ways) for what, ways in PENDANT.items()}, 'faults': list(FAULTS)}
+    {
+        'presses': {item: list(presses) for item, presses in PENDANT.items()},
+        'logins': [
+            f'{item} {press}'
+            for item, presses in PENDANT.items()
+            for press, action in presses.items()
+            if needs_login(action)
+        ],
+        'faults': list(FAULTS),
+    }
 )
+"""The buttons of the simulated pendant, and those of them that need a login."""
 
 _log = logging.getLogger(__name__)
 
@@ -188,8 +198,9 @@ class Panel:
         while not self._ended.is_set():
             now = time.monotonic()
             self.ros.sample(now)
+            if is_due('reports', TEXT_PERIOD_S):
+                self.ros.sample_reports(now)
             if is_due('slow', SLOW_PERIOD_S):
-                self.ros.sample_slow(now)
                 self.ros.discover(now)
                 self._forget_gone(now)
                 self._add_views()

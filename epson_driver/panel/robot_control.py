@@ -147,11 +147,12 @@ class RobotControl:
         now, state = self._clock(), self.robot.state
         for name, text in (
             ('diagnostics', 'the driver does not report'),
-            ('joints', state.no_joints or 'no joint states'),
             ('status', 'no robot_status'),
         ):
             if not state.fresh(name, now):
                 return f'{text}: motion needs a visible robot'
+        if state.joints_missing(now):
+            return f'{state.no_joints or "no joint states"}: motion needs a visible robot'
         if state.link != 'connected':
             return 'no link to the controller'
         if state.times.get('parameters', 0.0) < state.times['first joints']:
@@ -257,6 +258,8 @@ class RobotControl:
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
         """Execute a trajectory. Its joints have the names of the driver's or of the model's."""
         with self.arming.held(browser):
+            if self.robot.state.no_plans:
+                raise RequestError(self.robot.state.no_plans)
             self._send(name, self._renamed(trajectory))
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
@@ -280,6 +283,8 @@ class RobotControl:
         Arguments as in `Jog.velocities`. A share of 0 brakes immediately.
         """
         with self.arming.held(browser):
+            if self.robot.state.no_streams:
+                raise RequestError(self.robot.state.no_streams)
             velocities = self._jog_motion().velocities(self._here(), axis, frame, share)
             self.robot.jog(self.robot.state.joint_names, velocities)
             self._jogging = bool(np.any(velocities))
@@ -308,6 +313,8 @@ class RobotControl:
         here = self.robot.state.positions
         if self.model is None or len(here) != len(self.model.joint_names):
             raise RequestError('the robot model is unknown, or has other joints')
+        if not self.robot.state.fresh('joints', self._clock()):
+            raise RequestError('the controller does not report its joints now')
         return here
 
     def away_from_start(self, trajectory: Trajectory) -> str:
@@ -339,8 +346,12 @@ class RobotControl:
         return replace(trajectory, joint_names=names)
 
     def _send(self, name: str, trajectory: Trajectory) -> None:
+        """Send a trajectory, or only its end to a controller that takes no trajectories."""
         trajectory = replace(trajectory, joint_names=self.robot.state.joint_names)
-        self.robot.execute(trajectory, name, self.robot.log)
+        goal = trajectory
+        if self.robot.state.no_plans:
+            goal = Trajectory(goal.joint_names, goal.times[-1:], goal.positions[-1:])
+        self.robot.execute(goal, name, self.robot.log)
         self.plan = trajectory
         self.robot.log(f'goal sent: {name}', INFO)
 

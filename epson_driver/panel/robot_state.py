@@ -104,6 +104,10 @@ class RobotState:
     gate_open: bool | None = None
     inhibit: Inhibit | None = None
     goal_running: bool = False
+    no_plans: str = ''
+    """Why the controller takes no trajectories of several points, or '' if it does."""
+    no_streams: str = ''
+    """Why the controller takes no streams, so that it cannot be jogged, or '' if it does."""
     reference: Array | None = None
     tracking_error: Array | None = None
     speed: float | None = None
@@ -133,6 +137,14 @@ class RobotState:
         """Return whether a value is younger than its limit in MAX_AGES_S."""
         age = self.age(name, now)
         return age is not None and age <= MAX_AGES_S[name]
+
+    def joints_missing(self, now: float) -> bool:
+        """Return whether the joints are too old, although the controller should report them.
+
+        `joints withheld` in `times` is the last time at which it could not.
+        """
+        ages = (self.age('joints', now), self.age('joints withheld', now))
+        return all(age is None or age > MAX_AGES_S['joints'] for age in ages)
 
 
 Say = Callable[[str, int], object]

@@ -13,6 +13,7 @@ from epson_driver.motion.interpolation import Interpolation
 from epson_driver.pages import packed_arm
 from epson_driver.panel.lamps import advice, lamps
 from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.sim_pendant import ONE_CLIENT
 from epson_driver.panel.window import text_of
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics, uvw
@@ -193,6 +194,9 @@ class RobotView:
                     for name, item in self._trajectories.items()
                     if joints in (0, len(item.joint_names))
                 ],
+                'no_plans': self._state.no_plans,
+                'no_streams': self._state.no_streams,
+                'no_login': ONE_CLIENT if self._state.no_plans else '',
                 'axes': [] if self.control.jog_motion is None else self.control.jog_motion.axes,
             }
         )

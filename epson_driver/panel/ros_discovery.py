@@ -105,7 +105,7 @@ class RosDiscovery:
         for robot in self.robots.values():
             robot.sample(now)
 
-    def sample_slow(self, now: float) -> None:
+    def sample_reports(self, now: float) -> None:
         """Read diagnostics and log lines. `now`: the panel's clock, s."""
         for message in take_all(self._diagnostics, MAX_AT_ONCE):
             for status in message.status:

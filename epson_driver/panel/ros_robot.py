@@ -223,6 +223,8 @@ class RosRobot:
         state = self.state
         state.gate_open = values.get('arm gate') == 'open'
         state.goal_running = values.get('goal running') == 'True'
+        state.no_plans = values.get('plans refused', '')
+        state.no_streams = values.get('streams refused', '')
         state.inhibit = None
         if (cause := values.get('cause', '')) != 'NONE':
             state.inhibit = Inhibit(
@@ -260,6 +262,10 @@ class RosRobot:
             tuple(message.error_codes),
         )
         self.state.times['status'] = now
+        status = self.state.status
+        busy = status.in_motion is not Tri.NO or status.motion_possible is Tri.NO
+        if self.state.no_plans and busy:  # such a controller reports joints only when it is ready
+            self.state.times['joints withheld'] = now
 
     def _on_controller_state(self, message: Any, now: float) -> None:
         """Read the joints from ~/controller_state. Other nodes may publish `joint_states`."""
@@ -276,7 +282,7 @@ class RosRobot:
             return
         state.joint_names, state.positions, state.no_joints = names, positions, ''
         state.measured = duration_in_s(stamp)
-        if not state.fresh('joints', now):
+        if state.joints_missing(now):
             state.times['first joints'] = now
         state.times['joints'] = now
         plan, error = message.reference.positions, message.error.positions

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Client of a simulated controller's remote port.
 
-An arm may be moved without `--allow-motion` only if its controller is simulated. The only proof is
-the controller's own answer to `$Sim`, and it is valid only while the answers keep arriving. A real
-controller serves one remote client at a time, which should be the driver. So only controllers on
-this machine are queried, and a real one only once.
+An arm may be moved without `--allow-motion` only if its controller is simulated. The proof is the
+controller's own answer to `$Sim`, and it is valid only while the answers keep arriving. A real
+controller serves one remote client, which should be the driver. So only ports of this machine that
+are announced as simulated are connected to. `$Sim` needs no login, so that the driver of a
+simulated controller can be the only client that is logged in.
 """
 
 import asyncio
@@ -15,15 +16,38 @@ from typing import Any
 
 from epson_driver.panel.access import is_loopback
 from epson_driver.panel.robot_state import RequestError, Simulation
-from epson_driver.remote_ethernet.client import Ask, RemoteError, RemoteErrorNumber, logged_in
+from epson_driver.remote_ethernet.client import (
+    Ask,
+    HungUpError,
+    RemoteError,
+    RemoteErrorNumber,
+    connected,
+    logged_in,
+)
 from epson_driver.remote_ethernet.hand import Action, RefusedError, do
+from epson_driver.sim_controller.network.announcement import is_announced
 
 POLL_PERIOD_S = 0.4
+"""Interval between queries of the controller's condition, s."""
+
 ANSWER_TIMEOUT_S = 3.0
-LOGIN_LASTS_S = 3000.0
-"""Login period, s: `logged_in` needs an end. After it the panel logs in again."""
+"""Timeout of an answer, s."""
+
+SESSION_S = 3000.0
+"""Duration of a connection, s. After it, the panel connects again."""
 
 RETRY_PERIOD_S = 1.0
+"""Delay before the next attempt to connect, s."""
+
+ONE_CLIENT = (
+    'it needs a login, and the controller serves one Remote Ethernet client, which is the driver'
+)
+
+
+def needs_login(action: Action) -> bool:
+    """Return whether an action needs a login at the controller."""
+    return not action.commands[0].startswith('Sim,')
+
 
 Say = Callable[[str, bool], object]
 """Callback for the outcome of a command: a text, and whether it was carried out."""
@@ -34,7 +58,7 @@ class NotSimulatedError(RequestError):
 
 
 class SimPendant:
-    """The pendant of one controller, made by `PendantThread.pendant`, for any thread."""
+    """The pendant of one controller, created by `PendantThread.pendant`. Thread-safe."""
 
     def __init__(
         self, loop: asyncio.AbstractEventLoop, host: str, port: int, clock: Callable[[], float]
@@ -51,13 +75,16 @@ class SimPendant:
         loop.call_soon_threadsafe(self._start)
 
     def press(self, asked: Action, say: Say) -> None:
-        """Send an action to the controller and call `say` in another thread."""
+        """Send an action to the controller, and call `say` in another thread.
+
+        Raises NotSimulatedError if no simulated controller answers.
+        """
         if self.latest is None:
             raise NotSimulatedError('no reply from a simulated controller')
         self._loop.call_soon_threadsafe(self._commands.put_nowait, (asked, say))
 
     def end(self) -> None:
-        """Log out."""
+        """Disconnect."""
         self._loop.call_soon_threadsafe(lambda: self._task and self._task.cancel())
 
     def _start(self) -> None:
@@ -67,12 +94,13 @@ class SimPendant:
     async def _run(self) -> None:
         while not self.real:
             try:
-                async with logged_in(self.host, self.port, LOGIN_LASTS_S) as ask:
-                    await self._serve(ask)
+                if is_announced(self.port):
+                    async with connected(self.host, self.port, SESSION_S, tries=1) as ask:
+                        await self._serve(ask)
             except RemoteError as error:
                 self.real = error.number == RemoteErrorNumber.BAD_COMMAND
             except (ConnectionError, TimeoutError, ValueError):
-                pass  # not there or too slow: `latest` ages, which the panel shows
+                pass  # it is gone or too slow: `latest` is None, which the panel shows
             self.latest = None
             self._refuse_waiting()
             await asyncio.sleep(RETRY_PERIOD_S)
@@ -88,8 +116,8 @@ class SimPendant:
             except TimeoutError:
                 continue
             try:
-                await _in_time(do(ask, asked))
-            except RefusedError as error:
+                await self._do(ask, asked)
+            except (RefusedError, RemoteError) as error:
                 say(str(error), False)
             except ValueError as error:  # nothing was sent
                 say(str(error), False)
@@ -98,6 +126,21 @@ class SimPendant:
                 raise
             else:
                 say('', True)
+
+    async def _do(self, ask: Ask, asked: Action) -> None:
+        """Perform an action, with a login unless it is for simulations only.
+
+        Raises RefusedError or RemoteError if the controller refuses it, and TimeoutError.
+        """
+        if not needs_login(asked):
+            await _in_time(do(ask, asked))
+            return
+        place = (self.host, self.port)
+        try:
+            async with logged_in(*place, ANSWER_TIMEOUT_S, max_logins=1) as own:
+                await do(own, asked)
+        except HungUpError as error:
+            raise RefusedError(ONE_CLIENT) from error
 
     async def _poll(self, ask: Ask) -> None:
         condition = dict(
@@ -129,13 +172,13 @@ class PendantThread:
         self._thread.start()
 
     def pendant(self, host: str, port: int) -> SimPendant | None:
-        """Return the pendant of a controller, or None for one that must not be queried."""
+        """Return the pendant of a controller, or None without a port on this machine."""
         if not port or not is_loopback(host):
             return None
         return SimPendant(self._loop, host, port, self._clock)
 
     def end(self) -> None:
-        """End the thread."""
+        """End all pendants and the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(1.0)
         if not self._thread.is_alive():

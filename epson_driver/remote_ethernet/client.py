@@ -112,15 +112,20 @@ async def execute(
 
 
 @asynccontextmanager
-async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
-    """Open a session without a login, for `$Sim` commands. Otherwise like `logged_in`."""
+async def connected(
+    host: str, port: int, timeout: float, tries: int = MAX_LOGINS
+) -> AsyncIterator[Ask]:
+    """Open a session without a login, for `$Sim` commands. Otherwise like `logged_in`.
+
+    `tries`: attempts to connect, if the controller closes the connection.
+    """
 
     async def first_command(ask: Ask) -> None:
         with suppress(RemoteError):  # the refusal of a real controller is also an answer
             await ask('Sim,joints')
 
     async with asyncio.timeout(timeout):
-        ask, writer = await _answering(host, port, first_command, MAX_LOGINS)
+        ask, writer = await _answering(host, port, first_command, tries)
         try:
             yield ask
         finally:

@@ -57,6 +57,15 @@ def test_statuses_have_names_and_hardware_ids(diagnostics):
     ]
 
 
+def test_refused_plans_and_streams_have_a_reason(harness, diagnostics):
+    arm = values(rows(diagnostics.build(STAMP, 100.0))['arm'])
+    assert not {'plans refused', 'streams refused'} & set(arm)
+    delivery = harness.driver.stopper.delivery
+    delivery.no_plans, delivery.no_streams = 'no points', 'no setpoints'
+    arm = values(rows(diagnostics.build(STAMP, 100.0))['arm'])
+    assert (arm['plans refused'], arm['streams refused']) == ('no points', 'no setpoints')
+
+
 @pytest.mark.parametrize('state', LinkState)
 def test_unconnected_link_is_an_error(harness, diagnostics, state):
     harness.driver.motion_link.state = state

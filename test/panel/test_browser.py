@@ -160,7 +160,7 @@ def start_swing(page: Page, cell: Cell) -> None:
     """Start the swing trajectory and wait for motion."""
     page.armed()
     page.button('Enable').click()
-    page.lamp('Arm gate', 'good')
+    page.lamp('Enabled', 'good')
     page.button('Move to its start, slowly').click()
     page.wait_for_text('log', 'to the start of swing: ')
     page.button('Execute').click()
@@ -270,7 +270,7 @@ def test_page_turns_grey_when_the_panel_is_silent(page: Page, panel: PanelProces
 def test_jog_ends_when_the_button_is_released_or_focus_is_lost(page: Page, cell: Cell) -> None:
     page.armed()
     page.button('Enable').click()
-    page.lamp('Arm gate', 'good')
+    page.lamp('Enabled', 'good')
     time.sleep(1.5)  # after a stop the driver requires a second without a stream
     start = cell.peer.position()[0]
     page.button('joint_1 plus').scroll_into_view_if_needed()

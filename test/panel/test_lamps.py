@@ -57,7 +57,7 @@ def colours(found: RobotState, now: float = NOW) -> dict[str, str]:
 def test_ready_robot_has_no_bad_lamp() -> None:
     shown = colours(state())
     assert set(shown) == {
-        'Link', 'Motors', 'E-stop', 'Door', 'Error', 'Mode', 'Motion', 'Arm gate',
+        'Link', 'Motors', 'E-stop', 'Door', 'Error', 'Mode', 'Motion', 'Enabled',
     }  # fmt: skip
     assert set(shown.values()) <= {GOOD, 'off'}
     assert advice(state(), NOW).colour == GOOD
@@ -80,7 +80,7 @@ def test_outdated_state_turns_grey() -> None:
     ('name', 'grey'),
     [
         ('status', {'Motors', 'E-stop', 'Error', 'Mode', 'Motion'}),
-        ('diagnostics', {'Link', 'Arm gate'}),
+        ('diagnostics', {'Link', 'Enabled'}),
         ('simulation', {'Door'}),
     ],
 )
@@ -98,6 +98,32 @@ def test_link_lamp_is_bad_without_joint_states() -> None:
     result.times['joints'] = NOW - MAX_AGES_S['joints'] - 0.01
     assert colours(result)['Link'] == BAD
     assert advice(result, NOW).colour == BAD
+
+
+def test_link_lamp_is_good_while_the_controller_withholds_the_joints() -> None:
+    """Over Remote Ethernet alone, a moving arm reports no joints."""
+    result = state(replace(FINE, in_motion=Tri.YES), goal_running=True)
+    result.times['joints'] = NOW - 60.0
+    result.times['joints withheld'] = NOW - MAX_AGES_S['joints'] + 0.01
+    assert colours(result)['Link'] == GOOD
+    assert advice(result, NOW).reason == 'executing a goal'
+    result.times['joints withheld'] = NOW - MAX_AGES_S['joints'] - 0.01
+    assert colours(result)['Link'] == BAD
+
+
+@pytest.mark.parametrize(
+    ('inhibit', 'armed'),
+    [
+        (Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, 'not enabled'), True),
+        (ESTOP, True),
+        (NO_LINK, False),
+        (None, False),
+    ],
+)
+def test_advice_names_remedies_that_need_an_armed_window(
+    inhibit: Inhibit | None, armed: bool
+) -> None:
+    assert advice(state(inhibit=inhibit), NOW).armed == armed
 
 
 @pytest.mark.parametrize(
@@ -123,7 +149,7 @@ def test_link_lamp_is_bad_without_joint_states() -> None:
         ),
         (
             {'gate_open': False, 'inhibit': Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, 'so it is')},
-            'Arm gate',
+            'Enabled',
             WARN,
             'so it is',
             'press Enable',

@@ -61,9 +61,9 @@ def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
 
 def enable(client: PanelClient) -> None:
     """Press Enable and wait for the lamp: the driver does not log every repeated reply."""
-    client.wait_for_lamp('Arm gate', 'warn')
+    client.wait_for_lamp('Enabled', 'warn')
     client.click('Enable')
-    client.wait_for_lamp('Arm gate', 'good')
+    client.wait_for_lamp('Enabled', 'good')
 
 
 def goals_sent(client: PanelClient) -> int:
@@ -86,7 +86,7 @@ def test_page_shows_the_robot(cell: Cell, panel: PanelProcess) -> None:
         client.wait_for_lamp('Mode', 'good')
         client.wait_for_lamp('E-stop', 'good')
         client.wait_for_lamp('Door', 'good')
-        client.wait_for_lamp('Arm gate', 'warn')
+        client.wait_for_lamp('Enabled', 'warn')
         assert '→ press Enable' in client.advice
         assert client.point(1, 0) == 0
 

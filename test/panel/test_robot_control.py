@@ -54,6 +54,8 @@ class Robot:
         self.logged: list[str] = []
 
         self.asked: list[Any] = []
+        self.executed: list[Trajectory] = []
+        self.goals: list[Any] = []
         self.served = True
         """Whether the driver's services are available."""
 
@@ -62,6 +64,9 @@ class Robot:
 
     def cancel_goals(self) -> list[Any]:
         return []
+
+    def execute(self, trajectory: Trajectory, _text: str, _say: Any) -> None:
+        self.executed.append(trajectory)
 
     def trigger(self, name: str, say: Any) -> None:
         if not self.served:
@@ -165,6 +170,54 @@ def test_arming_requires_parameters_newer_than_the_joint_states(
     robot.state.times['first joints'] = NOW
     control.update()
     assert control.arming.holder is None
+
+
+@pytest.mark.invariant(1)
+def test_withheld_joints_keep_the_window_armed_but_allow_no_step(
+    robot: Robot, control: RobotControl
+) -> None:
+    control.update()
+    control.arming.arm(1)
+    robot.state.times['joints'] -= MAX_AGES_S['joints'] + 0.01
+    robot.state.times['joints withheld'] = NOW
+    control.update()
+    assert control.arming.holder == 1
+    with pytest.raises(RequestError, match='does not report its joints now'):
+        control.step(1, '1', 'world', 0.01, 1.0)
+    robot.state.times['joints withheld'] -= MAX_AGES_S['joints'] + 0.01
+    control.update()
+    assert control.arming.holder is None
+
+
+def test_controller_without_plans_gets_the_end_of_each_motion(
+    robot: Robot, control: RobotControl
+) -> None:
+    control.update()
+    robot.state.joint_names = tuple(f'joint_{number}' for number in range(1, 7))
+    control.arming.arm(1)
+    control.step(1, '2', 'world', 0.05, 1.0)
+    whole = robot.executed[-1]
+    assert len(whole.times) > 2
+    robot.state.no_plans = 'it takes no points'
+    control.step(1, '2', 'world', 0.05, 1.0)
+    (goal,) = robot.executed[1:]
+    np.testing.assert_array_equal(goal.positions, whole.positions[-1:])
+    assert goal.times.tolist() == [whole.times[-1]]
+    assert goal.velocities is None
+
+
+def test_controller_refuses_plans_and_streams_with_its_reason(
+    robot: Robot, control: RobotControl
+) -> None:
+    control.update()
+    robot.state.joint_names = tuple(f'joint_{number}' for number in range(1, 7))
+    robot.state.no_plans, robot.state.no_streams = 'it takes no points', 'it takes no stream'
+    control.arming.arm(1)
+    with pytest.raises(RequestError, match='no points'):
+        control.execute(1, 'short', SHORT)
+    with pytest.raises(RequestError, match='no stream'):
+        control.jog(1, '1', 'world', 0.5)
+    assert robot.executed == []
 
 
 @pytest.mark.invariant(1)
@@ -469,7 +522,7 @@ def test_demo_stay_runs_until_interrupted(tmp_path: Path) -> None:
         assert address is not None, output
         with PanelClient(int(address[1])) as client:
             client.wait_for_lamp('Link', 'good')
-            client.wait_for_lamp('Arm gate', 'good')
+            client.wait_for_lamp('Enabled', 'good')
     finally:
         run.send_signal(signal.SIGINT)
         run.stdout.read()

@@ -12,7 +12,9 @@ import pytest
 import rclpy
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from epson_msgs.srv import SetSpeedScaling
+from industrial_msgs.msg import RobotStatus
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
@@ -25,6 +27,7 @@ from support.ros_peer import PATIENCE
 
 from epson_driver.motion import Trajectory
 from epson_driver.node.ros_process import RosThread
+from epson_driver.panel.robot_state import RobotState
 from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
 from epson_driver.processes.processes import free_ros_domain, ros_environment
@@ -284,6 +287,28 @@ def test_non_finite_joint_states_are_ignored(no_driver: RosRobot) -> None:
         is no_driver.state.speed
         is None
     )
+
+
+@pytest.mark.parametrize(
+    ('refused', 'in_motion', 'possible', 'withheld'),
+    [(True, 1, 1, True), (True, 0, 0, True), (True, 0, 1, False), (False, 1, 1, False)],
+)
+def test_joints_are_withheld_by_a_busy_controller_without_plans(
+    refused: bool,
+    in_motion: int,
+    possible: int,
+    withheld: bool,
+    no_driver: RosRobot,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(no_driver, 'state', RobotState())
+    values = [KeyValue(key='plans refused', value='no points')] if refused else []
+    no_driver.on_diagnostics(DiagnosticStatus(values=values), 10.0)
+    assert no_driver.state.no_plans == ('no points' if refused else '')
+    message = RobotStatus()
+    message.in_motion.val, message.motion_possible.val = in_motion, possible
+    no_driver._on_status(message, 10.0)
+    assert no_driver.state.joints_missing(10.5) != withheld
 
 
 class Answer:

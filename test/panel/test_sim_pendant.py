@@ -18,12 +18,14 @@ from support.ros_peer import PATIENCE
 
 from epson_driver.panel.sim_pendant import (
     ANSWER_TIMEOUT_S,
+    ONE_CLIENT,
     NotSimulatedError,
     PendantThread,
     SimPendant,
 )
 from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.remote_ethernet.hand import Action
+from epson_driver.sim_controller.network.announcement import announce
 
 Take = Callable[[str], str | None]
 
@@ -44,10 +46,12 @@ class Controller:
     async def __aenter__(self) -> 'Controller':
         self._server = await asyncio.start_server(self._accept, '127.0.0.1', 0)
         self.port = self._server.sockets[0].getsockname()[1]
+        self._announcement = announce(self.port)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await accepted()
+        self._announcement.close()
         self._server.close()
         for task in self._tasks:
             task.cancel()
@@ -66,6 +70,10 @@ class Controller:
                     writer.write(f'{answer}\r\n'.encode())
         writer.close()
 
+    def withdraw(self) -> None:
+        """Stop announcing the port as simulated."""
+        self._announcement.close()
+
     def count(self, command: str) -> int:
         """Return how many times a command was received."""
         return self.commands.count(command)
@@ -74,6 +82,7 @@ class Controller:
 def simulated(special: dict[str, Any] | None = None) -> Take:
     """Answer like the simulated controller. `special`: other answers or exceptions."""
     usual = {
+        'Sim,joints': '#Sim,0',
         'Login,': '#Login,0',
         'Logout': '#Logout,0',
         'Sim,condition': '#Sim,estop=not active;door=closed',
@@ -132,7 +141,7 @@ def test_condition_is_polled_and_a_press_is_done() -> None:
         pendant.press(Action(('Sim,estop,press',)), results)
         await until(lambda: results.all)
         assert results.all == [('', True)]
-        assert controller.count('Login,') == 1
+        assert controller.count('Sim,joints') == 1
 
     play(simulated(), scene)
 
@@ -144,11 +153,58 @@ def test_real_controller_is_queried_only_once() -> None:
     async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: pendant.real)
         await asyncio.sleep(30.0)
-        assert controller.commands == ['Login,', 'Sim,condition']
+        assert controller.commands == ['Sim,joints', 'Sim,condition']
         with pytest.raises(NotSimulatedError, match='no reply from a simulated controller'):
             pendant.press(Action(('SetMotorsOn,1',)), results)
 
     play(simulated({'Sim,condition': f'!Sim,{BAD.value}'}), scene)
+
+
+@pytest.mark.invariant(1)
+def test_port_that_is_not_announced_gets_no_connection() -> None:
+    """It may lead to a real controller, whose only client is the driver."""
+
+    async def scene(pendant: SimPendant, controller: Controller, _results: Results) -> None:
+        await until(lambda: pendant.latest)
+        controller.withdraw()
+        await asyncio.sleep(1.0)
+        known = SimPendant(asyncio.get_running_loop(), '127.0.0.1', controller.port, now)
+        await asyncio.sleep(10.0)
+        assert controller.count('Sim,joints') == 1
+        assert (known.latest, known.real) == (None, False)
+        known.end()
+
+    play(simulated(), scene)
+
+
+def test_press_that_needs_a_login_gets_its_own_connection() -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+        await until(lambda: pendant.latest)
+        pendant.press(Action(('Pause',)), results)
+        await until(lambda: results.all)
+        assert results.all == [('', True)]
+        start = controller.commands.index('Login,')
+        assert controller.commands[start : start + 3] == ['Login,', 'Pause', 'Logout']
+        assert controller.count('Sim,joints') == 1
+
+    play(simulated({'Pause': '#Pause,0'}), scene)
+
+
+def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client() -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+        await until(lambda: pendant.latest)
+        pendant.press(Action(('Pause',)), results)
+        await until(lambda: results.all)
+        assert results.all == [(ONE_CLIENT, False)]
+        assert controller.count('Login,') == 1
+        polls = controller.count('Sim,condition')
+        await until(lambda: controller.count('Sim,condition') > polls)
+        assert controller.count('Sim,joints') == 1  # the session continues
+
+    def disconnect() -> None:
+        raise ConnectionError
+
+    play(simulated({'Login,': disconnect}), scene)
 
 
 @pytest.mark.invariant(1)
@@ -183,7 +239,7 @@ def test_refused_press_returns_the_reason(why: str, message: str) -> None:
         assert not done
         assert text.startswith(message)
         await until(lambda: controller.count('Sim,condition') > 3)
-        assert controller.count('Login,') == 1  # the session continues
+        assert controller.count('Sim,joints') == 1  # the session continues
 
     play(simulated({'Sim,estop,press': '!Sim,20', 'Sim,why': why}), scene)
 
@@ -218,7 +274,7 @@ def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
         await asyncio.sleep(0.1)
         late = Action(('SetMotorsOn,1',))  # pending from another thread
         pendant._commands.put_nowait((late, results))
-        await until(lambda: controller.count('Login,') == 2 and pendant.latest)
+        await until(lambda: controller.count('Sim,joints') == 2 and pendant.latest)
         assert results.all == [('SetMotorsOn,1: no reply from a simulated controller', False)]
         assert controller.count('SetMotorsOn,1') == 0
 
@@ -243,7 +299,7 @@ def test_invalid_command_text_does_not_end_the_session() -> None:
         assert not done
         assert 'must be one command' in text
         await until(lambda: controller.count('Sim,condition') > 3)
-        assert controller.count('Login,') == 1
+        assert controller.count('Sim,joints') == 1
 
     play(simulated(), scene)
 

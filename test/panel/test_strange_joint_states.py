@@ -49,7 +49,7 @@ class JogRig:
             self._message.header.stamp = self.cell.peer.node.get_clock().now().to_msg()
             self._stranger.publish(self._message)
         self.ros.sample(now)
-        self.ros.sample_slow(now)
+        self.ros.sample_reports(now)
         self.ros.discover(now)
         self.control.arming.alive(BROWSER)
         self.control.update()

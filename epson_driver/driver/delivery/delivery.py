@@ -72,11 +72,13 @@ class Delivery(ABC):
     `resumes`: the first point resumes a paused controller, or is rejected with the reason.
     `keeps_points`: the controller keeps its points when the client is lost, and executes them when
     a client connects again. `no_streams`: why the controller cannot follow setpoints, or ''.
+    `no_plans`: why it cannot execute trajectories of several points, or ''.
     """
 
     resumes = False
     keeps_points = False
     no_streams = ''
+    no_plans = ''
 
     def __init__(
         self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules

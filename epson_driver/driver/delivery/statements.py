@@ -42,8 +42,9 @@ AT_START = 0.02
 MAX_CHARACTERS = 4060
 """Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
 
+NO_TIMES = 'over Remote Ethernet alone the controller accepts no points and times'
 NO_PLANS = (
-    'a plan of {} points: over Remote Ethernet alone the controller accepts no points and times. '
+    f'a plan of {{}} points: {NO_TIMES}. '
     'Send only its last point, or motion primitives (move_joints, move_line, move_arc in Python), '
     'or load the controller program'
 )
@@ -98,6 +99,7 @@ class StatementDelivery(Delivery):
     convention, shape (n,), rad (m), so they also define the arm's configuration.
     """
 
+    no_plans = NO_TIMES
     no_streams = (
         'over Remote Ethernet alone the arm follows no streams, because it stops after each '
         'statement: send single motions, or load the controller program'

@@ -37,6 +37,13 @@ export class Hand {
     this.build();
   }
 
+  /** Allow or forbid motion while a button is pressed. Without it, steps remain. */
+  setStreams(allowed) {
+    const [held, , first] = $('step').options;
+    held.disabled = !allowed;
+    if (!allowed && held.selected) first.selected = true;
+  }
+
   build() {
     this.end();
     this.labels.clear();

@@ -14,12 +14,13 @@ const NEAR_END = 0.03;
 
 const $ = (id) => document.getElementById(id);
 const element = (tag, text = '', className = '') => Object.assign(document.createElement(tag), { textContent: text, className });
+const why = (id, text) => { $(id).hidden = !text; say(id, text || ''); };
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 
 const NO_DRIVER = { colour: 'unknown', reason: 'no driver found', remedy: 'start one in the ROS domain of the panel (ROS_DOMAIN_ID)' };
 
 let undelivered = false; // STOP was pressed without a robot
-let socket = null, chosen = '', received = -Infinity, stopAt = null, controls = {}, arm = null, path = 0;
+let socket = null, chosen = '', received = -Infinity, stopAt = null, controls = {}, advice = null, arm = null, path = 0;
 
 /** Send a request, and return the time, s. */
 const send = (request) => {
@@ -102,9 +103,11 @@ const parts = {
       made.children[2].textContent = text;
     });
   },
-  advice({ reason, remedy, colour }) {
+  advice(next) {
+    advice = next;
+    const { reason, remedy, colour } = advice, first = advice.armed && controls.armed !== 'yes' ? 'press Arm, then ' : '';
     $('advice').dataset.colour = colour;
-    $('advice').replaceChildren(element('b', reason), ...(remedy ? [`→ ${remedy}`] : []));
+    $('advice').replaceChildren(element('b', reason), ...(remedy ? [`→ ${first}${remedy}`] : []));
   },
   ages(ages) {
     $('ages').replaceChildren(...ages.map(([name, age]) => element('span', `${name} ${age === null ? 'none yet' : `${age.toFixed(1)} s`}`)));
@@ -156,10 +159,15 @@ const parts = {
       $('trajectory').replaceChildren(...offered.map((each) => new Option(each)));
     }
     $('pendant').hidden = !found.simulated;
+    why('no-streams', found.no_streams);
+    why('no-plans', found.no_plans && `No Execute: ${found.no_plans}. Each step, point and "Move to its start" is one motion.`);
+    why('no-login', found.no_login && `Grey: ${found.no_login}. Enable and Reset error work instead.`);
+    hand.setStreams(!found.no_streams);
+    if (advice) parts.advice(advice);
     describe();
     allow();
   },
-  pendant({ presses, faults }) {
+  pendant({ presses, logins, faults }) {
     $('fault').replaceChildren(...faults.map((each) => new Option(each)));
     $('presses').replaceChildren(...Object.entries(presses).map(([what, ways]) => {
       const made = element('div', '', 'presses');
@@ -168,6 +176,7 @@ const parts = {
       made.append(element('em', what), ...ways.map((how) => {
         const button = element('button', how);
         button.dataset.press = `${what} ${how}`;
+        if (logins.includes(button.dataset.press)) button.dataset.login = '';
         button.addEventListener('click', () => send({ do: 'press', what, how }));
         return button;
       }));
@@ -238,7 +247,11 @@ function describe() {
 
 function allow() {
   const armed = controls.armed === 'yes';
-  for (const each of document.querySelectorAll('[data-armed]')) if (each.disabled === armed) each.disabled = !armed;
+  for (const each of document.querySelectorAll('[data-armed]')) {
+    const allowed = armed && !('plan' in each.dataset && controls.no_plans);
+    if (each.disabled === allowed) each.disabled = !allowed;
+  }
+  for (const each of document.querySelectorAll('[data-login]')) each.disabled = Boolean(controls.no_login);
   hand.enable(armed);
   points.enable(armed);
 }
@@ -250,6 +263,7 @@ function choose(robot) {
   controls = {};
   curves.setRows([]);
   for (const id of ['lamps', 'log', 'joints', 'tool', 'io']) $(id).replaceChildren();
+  advice = null;
   $('advice').replaceChildren();
   $('arm').disabled = true;
   say('armed-note', '');

@@ -4,12 +4,14 @@
 
 import asyncio
 import logging
+import socket
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.network.announcement import announce
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
@@ -89,6 +91,7 @@ class ControllerServers:
             spel.listen = self._listen
             spel.connect = self._connect
         self._clients: set[asyncio.Task[None]] = set()
+        self._announcement: socket.socket | None = None
 
     async def open(self, host: str, ports: Ports) -> Ports:
         """Start the planner, listen on all ports, and return their numbers.
@@ -100,7 +103,7 @@ class ControllerServers:
         try:
             if self._planner is not None:
                 await self._planner.start()
-            return Ports(
+            opened = Ports(
                 *[
                     server.open(host, port)
                     for server, port in zip(self._servers, ports, strict=True)
@@ -109,6 +112,12 @@ class ControllerServers:
         except (OSError, PlannerError):
             await self.close()
             raise
+        try:
+            self._announcement = announce(opened.remote)
+        except OSError as error:
+            text = 'not announced as simulated (%s): the panel treats this controller as real'
+            _log.warning(text, error.strerror)
+        return opened
 
     def _listen(self, tcp_port: int) -> None:
         """Listen for clients of a port that a SPEL+ program opens.
@@ -163,6 +172,8 @@ class ControllerServers:
 
     async def close(self) -> None:
         """Stop listening, disconnect all clients, and end the planner."""
+        if self._announcement is not None:
+            self._announcement.close()
         for task in self._clients:
             task.cancel()
         for server in self._servers:

@@ -1,0 +1,123 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The panel in a browser, with a simulated controller that has no program loaded (`remote`)."""
+
+import os
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+pytest.importorskip('websockets')
+
+from support.browser import chromium
+from support.cell import Cell
+from support.panel_client import PanelProcess
+from support.panel_page import Page
+
+pytestmark = pytest.mark.slow
+
+SIZE = {'width': 1280, 'height': 900}
+PICTURES = os.environ.get('PANEL_PICTURES', '')
+"""Folder for screenshots of these tests. Empty: none."""
+
+
+@pytest.fixture(scope='module')
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    folder = tmp_path_factory.mktemp('cell')
+    result = Cell(folder, '--controller=remote', controller='remote')
+    try:
+        yield result.ready()
+    finally:
+        result.close()
+
+
+@pytest.fixture(scope='module')
+def page(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    panel = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain, patience=not PICTURES)
+    with chromium() as browser:
+        yield Page(browser, panel.address, SIZE)
+    assert panel.end() == 0
+
+
+def shot(page: Page, name: str) -> None:
+    if PICTURES:
+        page.page.screenshot(path=f'{PICTURES}/{name}.png')
+
+
+def test_step_point_and_start_are_single_motions(page: Page, cell: Cell) -> None:
+    page.armed()
+    page.button('Enable').click()
+    page.lamp('Enabled', 'good')
+    start = cell.peer.wait_until_still()
+    page.page.locator('summary', has_text='Points').click()
+    page.page.get_by_label('Name of the point').fill('here')
+    page.button('Teach here').click()
+    page.page.get_by_label('Each press moves').select_option('5')
+    page.button('joint_2 plus').click()
+    page.wait_for_text('log', 'step of 2: ')
+    shot(page, 'step')
+    moved = np.degrees(cell.peer.wait_until_still() - start)
+    np.testing.assert_allclose(moved, [0, 5, 0, 0, 0, 0], atol=0.05)
+    page.page.get_by_text('World', exact=True).click()
+    height = page.page.locator('#tool dd').nth(2)
+    before = float(height.inner_text())
+    page.button('Z plus').click()
+    page.wait(lambda: abs(float(height.inner_text()) - before - 5.0) < 0.15, '5 mm higher')
+    page.button('Go to here').click()
+    page.wait_for_text('log', 'to here: ')
+    np.testing.assert_allclose(cell.peer.wait_until_still(), start, atol=2e-3)
+    page.button('Move to its start, slowly').click()
+    page.wait_for_text('log', 'to the start of swing: ')
+    shot(page, 'start')
+    assert page.page.locator('body.armed').count() == 1
+    assert 'panel disarmed' not in page.text('log')
+
+
+def test_what_the_controller_cannot_do_is_disabled_with_the_reason(page: Page) -> None:
+    page.armed()
+    assert page.button('Execute').is_disabled()
+    page.wait_for_text_of('#no-plans', 'the controller accepts no points and times')
+    assert page.page.locator('#speed').is_disabled()
+    held = page.page.locator('#step option').first
+    assert held.inner_text() == 'while held'
+    assert held.is_disabled()
+    page.wait_for_text_of('#no-streams', 'the arm follows no streams')
+    page.page.locator('summary', has_text='Simulated pendant').click()
+    assert page.page.locator('[data-press="Motors on"]').is_disabled()
+    page.wait_for_text_of('#no-login', 'one Remote Ethernet client')
+    shot(page, 'disabled')
+
+
+@pytest.mark.invariant(1)
+def test_refusals_do_not_rely_on_the_page(page: Page, cell: Cell) -> None:
+    page.armed()
+    page.page.evaluate("""() => {
+        for (const each of document.querySelectorAll('#execute')) each.disabled = false;
+    }""")
+    page.button('Execute').click()
+    page.wait_for_text_of('#notes', 'the controller accepts no points and times')
+    cell.peer.assert_still()
+
+
+def test_estop_of_the_simulated_controller_is_pressed_and_reset(page: Page) -> None:
+    page.armed()
+    page.page.locator('[data-press="E-stop press"]').click()
+    page.lamp('E-stop', 'bad')
+    page.wait_for_text('advice', 'E-stop')
+    shot(page, 'estop')
+    page.page.locator('[data-press="E-stop release"]').click()
+    page.armed()
+    page.button('Reset error').click()
+    page.lamp('E-stop', 'good')
+    page.button('Enable').click()
+    page.lamp('Enabled', 'good')
+    page.disarmed()
+
+
+def test_panel_connects_once_and_never_logs_in(page: Page, cell: Cell) -> None:
+    page.lamp('Door', 'good')
+    log = cell.controller.log.read_text(encoding='utf-8')
+    assert 'only one is served' not in log
+    assert len(re.findall('remote client .* connected', log)) == 2, log  # driver and panel
