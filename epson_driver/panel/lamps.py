@@ -127,6 +127,8 @@ def advice(state: RobotState, now: float) -> Advice:
         simulated = _ended(condition) or _held(condition)
     elif result.remedy is Remedy.CONNECT:
         simulated = _ended(condition)
+    elif result.cause is Cause.ESTOP:
+        simulated = _estop(condition)
     else:
         simulated = None
     if simulated is not None:
@@ -146,12 +148,23 @@ def _condition(state: RobotState, now: float) -> Mapping[str, str]:
     return state.simulation.condition
 
 
+def _estop(condition: Mapping[str, str]) -> Advice | None:
+    """Return the advice for the E-stop of a simulated controller, or None if it is clear.
+
+    A robot_status does not distinguish a pressed E-stop from one that is released and not reset.
+    """
+    estop = condition.get('estop', NO_ESTOP)
+    if estop == NO_ESTOP:
+        return None
+    first = 'release the E-stop, then ' if estop == 'pressed' else ''
+    return Advice(f'the E-stop is {estop}', f'{first}Reset error, then Enable', BAD, True)
+
+
 def _ended(condition: Mapping[str, str]) -> Advice | None:
     """Return why the program of a simulated controller does not run, or None if it does."""
-    estop, tasks = condition.get('estop', NO_ESTOP), condition.get('tasks', '')
-    if estop != NO_ESTOP:
-        first = 'release the E-stop, then ' if estop == 'pressed' else ''
-        return Advice(f'the E-stop is {estop}', f'{first}Reset error, then Enable', BAD, True)
+    if (estop := _estop(condition)) is not None:
+        return estop
+    tasks = condition.get('tasks', '')
     if tasks in NO_PROGRAM:
         return Advice(
             f"the controller's program is {tasks}",

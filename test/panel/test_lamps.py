@@ -111,6 +111,15 @@ def test_link_lamp_is_good_while_the_controller_withholds_the_joints() -> None:
     assert colours(result)['Link'] == BAD
 
 
+def test_released_estop_of_a_simulated_controller_only_needs_a_reset() -> None:
+    result = state(inhibit=ESTOP, simulation=Simulation({'estop': 'released, not reset'}))
+    shown = advice(result, NOW)
+    assert (shown.reason, shown.remedy) == (
+        'the E-stop is released, not reset',
+        'Reset error, then Enable',
+    )
+
+
 @pytest.mark.parametrize(
     ('inhibit', 'armed'),
     [
