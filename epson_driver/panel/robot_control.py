@@ -24,6 +24,10 @@ from epson_driver.setup.table import ROWS
 START_TOLERANCE: float = ROWS['start_tolerance'].default
 """Maximum distance of a joint from a trajectory's start, rad or m. The driver checks it, too."""
 
+MIN_SPEED = 0.01
+"""Minimum speed of a single motion, as a fraction of the joints' velocity limits. SPEL+ has no
+lower one."""
+
 STOP_ANSWER_S = 0.5
 """Time without an answer to STOP after which the panel raises an alarm, s."""
 
@@ -349,8 +353,12 @@ class RobotControl:
         """Send a trajectory, or only its end to a controller that takes no trajectories."""
         trajectory = replace(trajectory, joint_names=self.robot.state.joint_names)
         goal = trajectory
-        if self.robot.state.no_plans:
-            goal = Trajectory(goal.joint_names, goal.times[-1:], goal.positions[-1:])
+        if self.robot.state.no_plans and self.model is not None:
+            away = np.abs(goal.positions[-1] - self._here()) / self.model.limits.velocity
+            longest = max(float(np.max(away)) / MIN_SPEED, 1e-3)
+            goal = Trajectory(
+                goal.joint_names, np.minimum(goal.times[-1:], longest), goal.positions[-1:]
+            )
         self.robot.execute(goal, name, self.robot.log)
         self.plan = trajectory
         self.robot.log(f'goal sent: {name}', INFO)

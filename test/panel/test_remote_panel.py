@@ -26,7 +26,7 @@ PICTURES = os.environ.get('PANEL_PICTURES', '')
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     folder = tmp_path_factory.mktemp('cell')
-    result = Cell(folder, '--controller=remote', controller='remote')
+    result = Cell(folder, '--controller=remote', controller='remote', require_planned_speed=True)
     try:
         yield result.ready()
     finally:
@@ -60,6 +60,10 @@ def test_step_point_and_start_are_single_motions(page: Page, cell: Cell) -> None
     shot(page, 'step')
     moved = np.degrees(cell.peer.wait_until_still() - start)
     np.testing.assert_allclose(moved, [0, 5, 0, 0, 0, 0], atol=0.05)
+    page.page.get_by_label('Each press moves').select_option('1')
+    page.button('joint_2 minus').click()  # slower than the controller can move by its plan
+    page.wait(lambda: abs(cell.peer.position()[1] - start[1] - np.radians(4)) < 1e-3, '1° back')
+    page.page.get_by_label('Each press moves').select_option('5')
     page.page.get_by_text('World', exact=True).click()
     height = page.page.locator('#tool dd').nth(2)
     before = float(height.inner_text())

@@ -204,6 +204,10 @@ def test_controller_without_plans_gets_the_end_of_each_motion(
     np.testing.assert_array_equal(goal.positions, whole.positions[-1:])
     assert goal.times.tolist() == [whole.times[-1]]
     assert goal.velocities is None
+    control.step(1, '2', 'world', 0.05, 0.01)
+    slow = robot.executed[-1]
+    assert control.model is not None
+    assert 0.05 / slow.times[0] == pytest.approx(0.01 * control.model.limits.velocity[1])
 
 
 def test_controller_refuses_plans_and_streams_with_its_reason(
