@@ -289,7 +289,7 @@ class TaughtPoints:
 
     def _find(self, name: str) -> _StoredPoint | None:
         if not isinstance(name, str):
-            raise InputError(f'name = {shown(name)}: must be a word')
+            raise InputError(f'name = {shown(name)}: must be a string')
         low = name.lower()
         if low[:1] == 'p' and low[1:].isdecimal():
             numbered = (point for point in self._points.values() if point.number == int(low[1:]))

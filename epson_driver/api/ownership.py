@@ -79,7 +79,9 @@ async def take_over(address: Address, owner: Owner) -> None:
         before, _owners[address] = _owners.get(address), owner
     if before is None or before is owner or before.loop.is_closed():
         return
-    _log.warning('%s:%d: closing another connected Robot of this program', *address)
+    _log.warning(
+        '%s:%d: closing the Robot object of this program that connected earlier', *address
+    )
     if before.loop is asyncio.get_running_loop():
         await before.close()
     elif before.loop.is_running():

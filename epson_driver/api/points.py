@@ -12,9 +12,9 @@ from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
 
 
 class Points(Unique):
-    """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
+    """Taught points: a mapping from names, such as pick or P3, to EpsonPoints. Case is ignored.
 
-    Motions to a point use the configuration nearest to the current one, not the file's posture.
+    Motions to a point use the configuration nearest to the current one, not the saved posture.
     """
 
     def __init__(

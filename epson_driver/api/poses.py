@@ -108,7 +108,7 @@ class Frames:
     def set(self, name: str, pose: Pose, parent: str | None) -> None:
         """Set a frame by its pose in a parent frame. Raises ValueError if one is invalid."""
         if not isinstance(name, str) or not name:
-            raise ValueError(f'name = {name!r}: must be a word')
+            raise ValueError(f'name = {name!r}: must be a string, not empty')
         if name in (BASE_LINK, BASE, TOOL):
             raise ValueError(f'name = {name!r}: this frame is built in, use another name')
         checked = checked_pose('pose', pose)

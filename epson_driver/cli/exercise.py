@@ -89,7 +89,7 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
     usual = _usual(exercise, folder, console)
     if usual.code != 0 or not usual.moved:
         why = _why_not_usual(usual, arguments.timeout)
-        console.print(f'[bold red]failed without a fault:[/] {escape(why)}')
+        console.print(f'[bold red]failed before a fault was started:[/] {escape(why)}')
         return 2
     console.print(
         f'finished in {usual.seconds:.1f} s, {usual.trajectories} trajectories', style='green'

@@ -132,10 +132,10 @@ def _program(
 def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
     """Return a used option that does not apply to SPEL+ programs, and why, or None."""
     options = {
-        '--motion': (args.motion, 'moves according to its statements'),
-        '--look-ahead': (args.look_ahead, 'accepts points according to its statements'),
-        '--state-period': (args.state_period, 'sends states according to its statements'),
-        '--byte-order': (args.byte_order, 'uses the byte order of its statements'),
+        '--motion': (args.motion, 'determines its motion itself'),
+        '--look-ahead': (args.look_ahead, 'determines itself how many points it accepts ahead'),
+        '--state-period': (args.state_period, 'determines itself when it sends states'),
+        '--byte-order': (args.byte_order, 'determines its byte order itself'),
     }
     return next(
         ((option, why) for option, (value, why) in options.items() if value is not None), None

@@ -236,7 +236,7 @@ def _report(
 
 
 def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Console) -> int:
-    """Report the messages until the goal failed, which show why."""
+    """Report a failed goal, with the messages before the failure. Return the exit code."""
     try:
         shown = figures(error.wire, model.limits.rad_per_unit)
         write_report([(error.wire, shown)], model, report)

@@ -166,7 +166,7 @@ def _check_definition(
             remedy = f'{OTHER_PACKAGE}, or {BUILD}'
         findings.wrong(about, found, remedy)
     elif lacking := [field for field in fields if field not in found[1:]]:
-        text = f'its definition lacks {", ".join(lacking)} [{found[0]}]'
+        text = f'the definition in {found[0]} lacks {", ".join(lacking)}'
         findings.wrong(about, text, OTHER_PACKAGE)
     else:
         findings.ok('ROS messages', f'{about} has all {len(fields)} required fields')

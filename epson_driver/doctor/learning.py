@@ -54,7 +54,7 @@ NOT_FOUND: Mapping[str, str] = {
     'server.full': 'it is visible with one client too many only',
     'server.lost_client': 'it is visible in a motion with a lost client only',
     'server.client_timeout': _MOTION,
-    'server.state_clients': 'not queried (see --ask), or at least 20',
+    'server.state_clients': 'not queried (see --ask), or 20 or more clients are served',
     'server.io_clients': 'not tested repeatedly: outputs may change when a client disconnects',
     'spel.': 'for the simulation only: a SPEL+ program is in its files, not on the wire',
     'io': 'not queried (see --io), or no reply',

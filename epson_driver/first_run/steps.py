@@ -541,7 +541,7 @@ async def _cable(run: FirstRun) -> StepResult:
         raise
     result.answers['cable'] = (await doing).strip()[:200] or 'done'
     if made is not None and not lost:
-        result.habits.append('cable: the connection was not lost')
+        result.habits.append('cable: the connection was not lost, the effect of a loss is unknown')
         return result
     state = await run.state()
     after = await _where(run, state)

@@ -137,7 +137,7 @@ class Link:
         self.failure: Exception | None = None
         """The exception of the last connection attempt that failed, or None."""
         self.joints_withheld = False
-        """Whether the controller sends no joint positions in its present state, as expected."""
+        """Whether missing joint positions are normal in the controller's present state."""
         self.last_received = 0.0
         """Loop time of the last read, s."""
 

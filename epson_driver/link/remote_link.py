@@ -242,10 +242,7 @@ class RemoteLink(Link):
 
     @asynccontextmanager
     async def session(self, timeout: float) -> AsyncIterator[Ask]:
-        """Yield `ask`, like `client.logged_in` does, for at most `timeout` s.
-
-        Raises TimeoutError after that time, or the exceptions of `ask`.
-        """
+        """Yield `ask`. Raises TimeoutError if the `with` block takes longer than `timeout` s."""
         self._check_login()
         async with asyncio.timeout(timeout):
             yield self.ask

@@ -50,5 +50,5 @@ BACK_OFF = (0.0, 0.1, 0.2, 0.4, 0.8, 1.0)
 
 
 def back_off(attempt: int) -> float:
-    """Return the time from the previous attempt to retry number `attempt`, from 0, s."""
+    """Return the time from one attempt to the next, s, after `attempt` retries."""
     return BACK_OFF[min(attempt, len(BACK_OFF) - 1)]

@@ -317,9 +317,9 @@ def thinned(
 def _segment_ends(
     motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the end times, s, of straight segments that are close to a motion.
+    """Yield the end times, s, of the straight parts into which a segment of a motion is divided.
 
-    The segment is divided until no part deviates by more than `deviation`.
+    No part deviates from the motion by more than `deviation`. `segment`: its start and end, s.
     """
     start, end = segment
     inside = motion.positions[(motion.times > start) & (motion.times < end)]

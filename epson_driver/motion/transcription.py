@@ -40,7 +40,7 @@ FIRST_JERK_SHARE = 0.9
 """Maximum initial jerk, as a fraction of the limit."""
 
 GAP = 1e-2
-"""Tolerance for convergence: the duration that could still be saved, relative to the duration."""
+"""Tolerance for convergence: the fraction of the duration that could still be saved."""
 
 ROW_TOLERANCE = 2e-3
 """Tolerance for convergence: the relative excess of a limit."""

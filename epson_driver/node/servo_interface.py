@@ -49,11 +49,13 @@ def from_trajectory(
     ahead = duration_in_s(last.time_from_start) + (stamp - now if stamp else 0.0)
     if ahead > MAX_AHEAD_S:
         raise SetpointError(
-            f'it ends in {ahead:.3g} s: must be at most {MAX_AHEAD_S:g} s. Send longer '
-            'trajectories to ~/joint_trajectory or the action, or synchronise the clocks'
+            f'its last point is {ahead:.3g} s ahead, the maximum is {MAX_AHEAD_S:g} s: send long '
+            'trajectories to ~/joint_trajectory or the action. Or synchronise the clocks'
         )
     if ahead < -MAX_AGE_S:
-        raise SetpointError(f'it ended {-ahead:.3g} s ago: it is late, or the clocks differ')
+        raise SetpointError(
+            f'its last point was {-ahead:.3g} s ago: the message is late, or the clocks differ'
+        )
     positions = _values('positions', last.positions, message.joint_names, names)
     velocities = _values('velocities', last.velocities, message.joint_names, names)
     window = None if positions is None else _window(message, names, stamp - now if stamp else 0.0)

@@ -42,7 +42,7 @@ PENDANT: dict[str, dict[str, Action]] = {
         ('Error', '', ('reset',)),
     )
 }
-"""Actions of the simulated pendant, by item and press."""
+"""Actions of the simulated pendant: label of the item → label of the button → action."""
 
 
 class RobotControl:

@@ -162,7 +162,7 @@ class RobotView:
         }
 
     def parts(self, now: float) -> dict[str, str]:
-        """Return the parts without the pose as JSON, by name."""
+        """Return every part except the controls, the pose and the curves as JSON, by name."""
         state = self._state
         result = advice(state, now)
         return self._model_parts | {

@@ -165,9 +165,10 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """All figures of a run. velocities, accelerations: of the joint states, shape (k, m).
+    """All measured values of a run.
 
-    traffic: message name, sender and intervals. replies: request name and latencies.
+    velocities, accelerations: those of the joint states, shape (k, m). traffic: (message name,
+    sender, intervals). replies: (request name, latencies).
     """
 
     velocities: Array

@@ -79,7 +79,7 @@ class Reader:
             raise self._error(layer, (key,), f'{key}: {rule if units else f"unknown key{hint}"}')
 
     def check_sources(self, known: Sequence[str]) -> None:
-        """Raise InputError for a source of something other than a quantity."""
+        """Raise InputError if `sources` has a key other than the known quantities."""
         for key, (layer, _) in self._sources.items():
             if key not in known:
                 rule = f'must be one of {", ".join(known)}'

@@ -256,7 +256,7 @@ TABLE = (
     Row(
         'reply_timeout',
         5.0,
-        'Reply timeout for a point while the arm is at rest, beyond its planned time.',
+        'Maximum wait for a reply while the arm is at rest, added to the duration of the move.',
         0.1,
         600.0,
         unit='s',

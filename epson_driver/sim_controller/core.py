@@ -222,7 +222,7 @@ class Controller:
 
     @property
     def command_window(self) -> CommandWindow:
-        """The program for $Execute: the SPEL+ program, or one beside the built-in program."""
+        """The SPEL+ program for $Execute. It is empty if `program` is the built-in program."""
         if self._command_window is None:
             self._command_window = self.new_command_window()
         return self._command_window

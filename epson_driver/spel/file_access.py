@@ -48,13 +48,13 @@ def _open(mode: str) -> Callable[[Task, str, int], None]:
 
 
 def close(task: Task, number: float) -> None:
-    """Close #n."""
+    """Write and close an open file (Close #number)."""
     flush(task, number)
     del task.world.open_files[nearest(number)]
 
 
 def flush(task: Task, number: float) -> None:
-    """Flush #n."""
+    """Write the content of an open file to the disk (Flush #number)."""
     file = opened(task, 'Flush', nearest(number))
     if not file.reads:
         task.world.files.write(file.name, bytes(file.data))

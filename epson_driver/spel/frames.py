@@ -15,7 +15,7 @@ WORLD = Point('xy', (0.0,) * 6)
 _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
 _BASE_U = 'baseu'
 PLACES = 9
-"""Decimals, mm or degrees, to which a product of rotations is rounded."""
+"""Decimals of computed coordinates, in mm and degrees."""
 MAX_PLACES = 32_767
 """Maximum number of places of a pallet."""
 

@@ -108,7 +108,7 @@ RULES = {
     'goto-out-of-loop': 'GoTo that leaves a loop (error 2020 after a while)',
     'handler': 'an error handler that is reached without an error',
     'port-shared': 'a port that two tasks use (ChkNet -2)',
-    'true-compare': '= True with a value that may be 1 instead of -1',
+    'true-compare': 'a comparison with True (-1) that fails because the value is 1',
     'and-guard': 'an index that And does not guard, because both sides are evaluated',
     'real-to-integer': 'rounding that is not documented',
     'integer-range': 'a Long, or a For, that may not fit an Integer',

@@ -120,10 +120,10 @@ class Frame:
 
 @dataclass(slots=True)
 class Waiting:
-    """The condition of a waiting task: a time, a test, or both. Events evaluate the test.
+    """The condition of a waiting task: a time, a test, or both.
 
-    `scanned`: the test is evaluated at the controller's scans only. `after` is called at the end
-    of the wait. Its argument is True after a timeout.
+    `scanned`: the test is evaluated only at the controller's scans, otherwise after each turn of
+    a task. `after` is called at the end of the wait. Its argument is True after a timeout.
     """
 
     until: float | None

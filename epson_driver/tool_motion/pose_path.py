@@ -178,7 +178,7 @@ class Run:
 
     @cached_property
     def seams(self) -> Array:
-        """Distances at which the parts start, and the end, shape (k + 1,), m.
+        """Distances at which the k parts start, and at which the last one ends, shape (k + 1,), m.
 
         A part without a length counts with its angle, rad.
         """
@@ -186,7 +186,7 @@ class Run:
 
     @cached_property
     def ends(self) -> Array:
-        """Distance at which each segment ends, m (rad): the middle of its blend, or the end."""
+        """Distance at which each segment ends: the middle of the blend after it, or the end."""
         blends = [len(segment) > 1 for segment in self.segments]
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 

@@ -105,7 +105,7 @@ def test_deleted_point_is_removed_and_the_rest_renumbered(points, tmp_path):
         del points['P3']
 
 
-def test_point_without_posture_is_rejected_for_pts_and_saved_as_yaml(tmp_path):
+def test_point_without_posture_is_refused_in_a_pts_file_but_saved_in_a_yaml_file(tmp_path):
     robot = aio.Robot()
     robot.points['pick'] = EpsonPoint(300, 0, 400)
     with pytest.raises(ArgumentError, match='posture of the arm'):

@@ -83,7 +83,7 @@ UNKNOWN = r"frame = 'tabel': must be base_link, base or tool"
         (lambda: frames().pose_in(HERE, 'tool'), "frame = 'tool': must be base_link or base"),
         (lambda: frames().set('a', HERE, 'tool'), "parent = 'tool': must be base_link or base"),
         (lambda: frames().set('base', HERE, None), "name = 'base': this frame is built in"),
-        (lambda: frames().set('', HERE, None), "name = '': must be a word"),
+        (lambda: frames().set('', HERE, None), "name = '': must be a string, not empty"),
         (lambda: checked_pose('pose', [1.0] * 6), r'has shape \(6,\): .*take an EpsonPoint'),
         (lambda: checked_pose('pose', [0.4, 0, 0.5, 0, 0, 0, 2]), 'has length 2: must be 1'),
         (lambda: checked_pose('pose', [0.4, 0, np.nan, 0, 0, 0, 1]), 'must be finite numbers'),

@@ -242,7 +242,7 @@ def test_spel_controller_can_be_simulated():
         robot.enable()
         robot.move_joints([0.1, 0, 0, 0, 0, 0])
     with pytest.raises(
-        RobotError, match=r'--motion: a SPEL. program moves according to its statements'
+        RobotError, match=r'--motion: a SPEL. program determines its motion itself'
     ):
         Robot.simulated(controller='spel', motion='smooth').connect()
 

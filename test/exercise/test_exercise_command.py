@@ -66,7 +66,7 @@ def test_program_that_fails_without_a_fault_is_not_judged(called, changes, reaso
 
     code, output = called(case)
     assert code == 2
-    assert f'failed without a fault: {reason}' in ' '.join(output.split())
+    assert f'failed before a fault was started: {reason}' in ' '.join(output.split())
     assert len(asked) == 1
 
 

@@ -185,7 +185,7 @@ def test_tracker_rests_exactly_at_the_last_setpoint():
     run.assert_kept(high=np.append(0.39, LIMITS.position_max[1:]))
 
 
-def test_braking_far_from_the_setpoint_stops_the_joint():
+def test_braking_far_from_the_setpoint_ends_without_reaching_it():
     run = Run()
     go_to(run, pose(2.0), 0.4)
     speed = run.last[1][0]

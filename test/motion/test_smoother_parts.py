@@ -223,7 +223,7 @@ def slowed(timing: TimeParametrisation, pace: float) -> TimeParametrisation:
 
 @pytest.mark.parametrize('quantity', ['positions', 'velocities', 'accelerations'])
 @pytest.mark.parametrize('where', [3, -1])
-def test_verification_detects_a_jump_of_the_timing(quantity: str, where: int) -> None:
+def test_verification_detects_a_discontinuity_of_the_timing(quantity: str, where: int) -> None:
     path = bow()
     problem = unbound(path)
     timing = ruckig_move.only_move(problem)

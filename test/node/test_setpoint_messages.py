@@ -137,8 +137,8 @@ def short(message):
 @pytest.mark.parametrize(
     ('read', 'text'),
     [
-        (lambda: from_trajectory(window(3.0), NAMES, 'x', NOW), 'Send longer trajectories'),
-        (lambda: from_trajectory(window(), NAMES, 'x', NOW + 60.0), 'ended 59.9 s ago'),
+        (lambda: from_trajectory(window(3.0), NAMES, 'x', NOW), 'send long trajectories'),
+        (lambda: from_trajectory(window(), NAMES, 'x', NOW + 60.0), 'was 59.9 s ago'),
         (lambda: from_trajectory(window(), NAMES, 'x', NOW - 60.0), 'synchronise the clocks'),
         (lambda: from_trajectory(short(window()), NAMES, 'x', NOW), '3 values in positions'),
         (lambda: from_trajectory(stuck(window()), NAMES, 'x', NOW), 'does not increase'),

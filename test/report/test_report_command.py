@@ -62,7 +62,7 @@ def test_compare_option_shows_two_runs(called, tmp_path):
     assert [item['source'] for item in both] == ['a.pcap', 'b.pcap']
 
 
-def test_report_of_an_exported_bag_has_equal_figures(called, tmp_path):
+def test_exported_bag_has_the_same_top_velocities_as_its_pcap(called, tmp_path):
     pytest.importorskip('rosbags')
     assert called('a.pcap', '--mcap', 'bag')[0] == 0
     assert called('bag')[0] == 0

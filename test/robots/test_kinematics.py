@@ -295,7 +295,7 @@ def test_tool0_off_the_axis_of_joint_6_is_refused() -> None:
         opw_parameters(dataclasses.replace(C3, tool0=tool0))
 
 
-def test_scara_at_zero_points_along_x_of_epson() -> None:
+def test_scara_at_zero_is_stretched_along_the_x_axis_of_epsons_world() -> None:
     model = load_robot_model('gx4_c251s')
     arm = Kinematics(model)
     place, angles = arm.epson_point(np.zeros(4))

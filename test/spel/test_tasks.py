@@ -34,7 +34,7 @@ Fend
 """
 
 
-def test_machine_uses_only_the_given_time() -> None:
+def test_tasks_run_no_longer_than_the_given_time() -> None:
     made = machine(COUNTING)
     made.start()
     made.advance(0.0)

@@ -227,8 +227,8 @@ class GoalSettings:
     """Tolerances and timeouts of a goal execution.
 
     stopped_velocity: velocity below which a joint counts as stopped, rad/s.
-    reply_timeout: maximum wait for a reply while the arm does not move, beyond the planned time of
-    the point, s.
+    reply_timeout: maximum wait for a reply while the arm is at rest, added to the duration of the
+    move, s.
     cause_timeout: maximum wait of a rejected goal for the STATUS with the cause, s.
     require_planned_speed: reject plans and streams that the controller is known to execute faster.
     """

@@ -58,8 +58,8 @@ process was not scheduled, or that the controller is silent, which the link dete
 (`ReceiveTimeout`)."""
 
 EARLY_S = 0.2
-"""Time subtracted from the estimated plan time of a pause, s. If the plan passes a position twice
-within this time, the arm counts as at the first pass: points are repeated, not skipped."""
+"""Time subtracted from the estimated plan time of a pause, s. The estimate is then rather too
+early, so that a resumed goal repeats points instead of skipping them."""
 
 ACCEPTED_EARLY = 2
 """Number of acknowledged points that the arm has not reached, if the controller ignores times."""
@@ -385,8 +385,8 @@ class GoalExecution:
     def _handle_late_reply(self, packet: Packet, now: float) -> None:
         """Handle the reply to a point after STOP was sent.
 
-        It may be the reply to STOP, if the reply to the point is missing. A longer standstill in
-        the joint state then ends the goal.
+        If this may be the reply to STOP instead, the goal ends when the arm has been at rest for
+        UNCONFIRMED_REST_TIME_S.
         """
         message = packet.message
         if not isinstance(message, MotionReply) and not sequence_of(message):

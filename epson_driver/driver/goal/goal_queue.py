@@ -235,7 +235,7 @@ class GoalQueue:
             self.execution.stop('replaced by a new goal', _now())
 
     def _wait(self, handle: GoalHandle) -> None:
-        """Queue a goal that waits for a pose or a stop. It replaces the goal already waiting."""
+        """Hold a goal until a pose arrives or the arm stops. End the goal that was held before."""
         replaced, self._waiting = self._waiting, handle
         if replaced is not None:
             self._end_unstarted(replaced, REPLACED)

@@ -53,7 +53,7 @@ class PlanningScope:
 
         Raises PlanningEndedError as soon as the goal is canceled, without waiting for the thread.
         `work` receives a function and must call it at each step. The function raises
-        PlanningEndedError if the result is no longer needed. The thread then ends early, because
+        PlanningEndedError if the planning is canceled. The thread then ends early, because
         the process waits for its threads when it exits.
         """
         self.check()
@@ -63,7 +63,7 @@ class PlanningScope:
 
         def check_needed() -> None:
             if abandoned.is_set():
-                raise PlanningEndedError(self.why or 'the result is no longer needed')
+                raise PlanningEndedError(self.why or 'the planning was canceled')
 
         planning = loop.run_in_executor(None, copy_context().run, work, check_needed)
         planning.add_done_callback(lambda done: _log_error(done, abandoned=abandoned.is_set()))

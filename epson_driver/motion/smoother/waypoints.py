@@ -204,7 +204,7 @@ class Waypoints:
         return bool(new < last / 2.0)
 
     def _merge(self, position: Array, duration: float, now: float, in_motion: bool) -> None:
-        """Merge a point into the last waypoint, which may command a rest."""
+        """Merge a point into the last waypoint. The point's duration may become a rest there."""
         last = self.last
         last.position = position
         if last is self.origin and not in_motion:

@@ -108,12 +108,13 @@ Each attempt extends the move by the overlap found before, which can change the 
 class PointToPoint:
     """An arm that moves from point to point within its limits.
 
-    `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
-    Speed, Accel). The velocity of a point can only make its move slower. Its duration does the
-    same if `timed` is set, and otherwise has no effect. With `cp`, moves overlap, and each uses at
-    most half of the acceleration. `caps` are the low-power caps (None: low power has no effect).
-    The module's rules explain the other arguments. Raises ValueError if `start` is not within the
-    limits, or a fraction is out of range.
+    The velocity of a point can only make its move slower. With `cp`, moves overlap, and each uses
+    at most half of the acceleration. Raises ValueError if `start` is not within the limits, or a
+    fraction is out of range.
+
+    start: joint positions, shape (n,), rad. speed, accel: fractions (0, 1] of the limits (SPEL+
+    Speed, Accel). caps: limits at low power (None: low power has no effect). timed: a point's
+    duration also makes its move slower, otherwise it has no effect. Other arguments: see above.
     """
 
     def __init__(

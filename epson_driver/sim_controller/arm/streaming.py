@@ -59,7 +59,7 @@ PERCENTILE, MARGIN_FACTOR = 90.0, 1.3
 """The planning latency is this percentile of recent planning times, multiplied by this factor."""
 
 LATE_FACTOR = 1.5
-"""Minimum factor by which a late plan increases the latency."""
+"""If a plan is late, the planning latency is multiplied by at least this factor."""
 
 MAX_RECENT_PLANS = 32
 """Number of planning times that determine the latency. In motion there are about 30 per second."""

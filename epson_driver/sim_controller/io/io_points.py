@@ -115,7 +115,8 @@ class IoPoints:
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
-                IoResult.TYPE_FEATURE_UNSUPPORTED, f'{kind.short} {index}: an input has no reset'
+                IoResult.TYPE_FEATURE_UNSUPPORTED,
+                f'{kind.short} {index}: an input cannot be reset',
             )
         if kind.bits is not None:
             self._make_safe((kind.bits, bit) for bit in self._bits(kind.bits, *_port(index)))

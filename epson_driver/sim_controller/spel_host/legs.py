@@ -57,7 +57,10 @@ class JointLeg:
         return rest_at(self.end)
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits under Speed and Accel, and those of the speed along this leg."""
+        """Return the joint limits under Speed and Accel, and the resulting limits along this leg.
+
+        fraction: permitted fraction of the low-power tool speed.
+        """
         displacement = np.abs(self.end - self.start)
         limits = _scaled(
             self._model.limits, *self._speed_and_accel(displacement, low_power, fraction)
@@ -113,7 +116,7 @@ class StraightLeg:
         return replace(rest_at(self.end), path=self.from_rest)
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits, and the limits of the tool's speed along this leg."""
+        """Return the joint limits, and the limits along this leg. `fraction` has no effect."""
         return _limits(self._robot, low_power), self._speed(self._robot, self._path, low_power)
 
     def motion(self, start: Array, low_power: bool) -> CurveMotion:
@@ -182,7 +185,7 @@ def _scaled(limits: JointLimits, speed: float, accel: float) -> JointLimits:
 
 
 def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits along a path, 1/s, 1/s², 1/s³, according to SpeedS and AccelS."""
+    """Return the limits that SpeedS and AccelS set along a path."""
     speed = robot.controller.spel.values('SpeedS')[0]
     accel = robot.controller.spel.values('AccelS')[0]
     if low_power:
@@ -192,7 +195,7 @@ def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpee
 
 
 def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits along a path, 1/s, 1/s², 1/s³, according to SpeedR and AccelR."""
+    """Return the limits that SpeedR and AccelR set along a path."""
     speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
     accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
     angle = math.degrees(max(path.angle, SHORTEST_PATH))

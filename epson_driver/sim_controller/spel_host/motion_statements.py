@@ -143,7 +143,7 @@ def _arc_midpoint(robot: RobotContext, request: MotionRequest, start: Array) -> 
             away = math.hypot(height, half) * (-1.0 if path == ARC_SHORT else 1.0)
             return SpelPoint('xy', (*(middle + offset + offset / height * away), 0.0, 0.0, 0.0))
         if request.name == 'arc3':
-            raise bad('Arc3', 'half a circle needs a point to pass')
+            raise bad('Arc3', 'a half circle needs a via point that determines its plane')
         angle = 180.0 if path == ARC_SHORT else -180.0
     if not 0.0 < abs(angle) < 360.0:
         raise bad(name, f'{angle:g} degrees are not an arc')

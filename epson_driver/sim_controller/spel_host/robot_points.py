@@ -176,7 +176,7 @@ class RobotPoints:
         return replace(point, flags=(*posture, *(f for f in point.flags if f not in posture)))
 
     def other_hand(self, point: Point, joints: Array) -> bool:
-        """Return whether a point specifies another hand than that of joint angles, shape (n,)."""
+        """Return whether a point's hand differs from that of joint angles, shape (n,)."""
         hands = next(self._posture(joints), POSTURES['hand'])
         return not {*POSTURES['hand']}.intersection(point.flags) <= {*hands}
 

@@ -152,7 +152,7 @@ async def test_position_stream_after_estop_resumes_from_the_arm_position():
             await until(lambda: np.abs(harness.at - to).max() < 1e-3)
 
 
-async def test_diagnostics_report_the_remaining_release_time():
+async def test_diagnostics_report_the_time_until_a_stopped_stream_is_released():
     async with cell(smooth=True) as (harness, _), sending(harness, jog):
         await asyncio.sleep(0.5)
         assert not harness.driver.servo.blocked(now())

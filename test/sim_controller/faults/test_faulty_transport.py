@@ -509,7 +509,7 @@ def test_dropped_message_does_not_count_for_other_faults(harness):
     assert passed == answer(3)
 
 
-def test_wrong_length_ignores_a_corrupt_length():
+def test_wrong_length_fault_leaves_an_already_corrupt_message_unchanged():
     spoilt = b'\xff' * 20
     assert byte_order(spoilt) is None
     outgoing = OutgoingMessage(spoilt)

@@ -269,6 +269,6 @@ def test_reset_of_one_output_ignores_keep_on_reset() -> None:
     points.reset_point(GO, 0)
     assert points.read(GO, 1000) == 0xFF08
     for io_type in (DI, AI, GI):
-        with pytest.raises(IoError, match='an input has no reset') as error:
+        with pytest.raises(IoError, match='an input cannot be reset') as error:
             points.reset_point(io_type, 0)
         assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED

@@ -185,7 +185,7 @@ def test_abort_drops_the_rest_of_a_download_silently():
 
 
 @pytest.mark.parametrize('sequence', [1, 0, LAST, -2, -5])
-def test_topic_outside_a_download_ends_the_motion(sequence):
+def test_point_sent_as_topic_without_a_download_ends_the_motion(sequence):
     harness = new_harness()
     harness.send(point(0, THERE))
     harness.step(0.1)

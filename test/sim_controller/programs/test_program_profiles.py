@@ -94,7 +94,7 @@ def test_restart_at_the_start_of_a_trajectory_refuses_its_point():
     assert not harness.arm.moving
 
 
-def test_rest_of_a_step_goes_to_the_next_point():
+def test_one_long_step_executes_several_points():
     harness = ProgramHarness()
     harness.send(point(0, THERE), point(1, HOME), point(2, THERE))
     harness.program.step(60.0)

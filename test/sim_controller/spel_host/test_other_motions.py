@@ -196,7 +196,10 @@ def test_arc_in_space_given_by_its_centre(caplog):
         ('Arc P1, 90', 'no arc from'),
         ('Arc P2 /L, 90', 'has another hand'),
         ('Arc3 P1 +Z(9) /L, P2', 'has another hand'),
-        ('Arc3 P2, P1 +X(40), ARC_SHORT', 'half a circle needs a point to pass'),
+        (
+            'Arc3 P2, P1 +X(40), ARC_SHORT',
+            'a half circle needs a via point that determines its plane',
+        ),
         ('Arc3 P1 +X(40) +Y(40), P2 ECP', 'ECP is not simulated'),
         ('Go P1 SYNC', 'SYNC is not simulated'),
         ('JumpTLZ P1, -20', 'is not of the N series'),
