@@ -113,7 +113,7 @@ def test_invalid_arguments_send_nothing(answers):
     ('make', 'expected'),
     [
         (lambda: Robot(3), 'host = 3: must be an IP address'),
-        (lambda: Robot(controller=None), 'controller = None: must be a name'),
+        (lambda: Robot(controller=7), 'controller = 7: must be a name'),
         (lambda: Robot(model=7), 'model = 7: must be a name'),
         (lambda: Robot(motion_port=99999), 'motion_port = 99999'),
         (lambda: Robot(settings={}), r'settings = .*must be Settings'),
