@@ -106,7 +106,7 @@ class Frames:
         return {name: pose.copy() for name, pose in self._poses.items()}
 
     def set(self, name: str, pose: Pose, parent: str | None) -> None:
-        """Set a frame by its pose in a parent frame. Raises ValueError if one is invalid."""
+        """Set a frame by its pose in a parent frame. Raises ValueError for invalid arguments."""
         if not isinstance(name, str) or not name:
             raise ValueError(f'name = {name!r}: must be a string, not empty')
         if name in (BASE_LINK, BASE, TOOL):

@@ -46,8 +46,8 @@ TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 def deadlines_missed(remote_port: int) -> int:
     """Return the number of deadlines missed by the simulated controller on this machine.
 
-    By its own clock: motion cycles that started late, and smoother plans that were ready too late.
-    Raises OSError, TimeoutError, RemoteError or ValueError if it cannot be queried.
+    It counts late motion cycles and late plans of the smoother by its own clock. Raises OSError,
+    TimeoutError, RemoteError or ValueError if it cannot be queried.
     """
     command = execute('127.0.0.1', remote_port, ['Sim,timing'], TIMEOUT_S)
     cycles, plans, *_ = asyncio.run(command)[0].split(',')
@@ -141,7 +141,7 @@ class Run:
 
 
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
-    """Return the figures of a run with the stops of its report page, if those are more.
+    """Return the figures of a run with the stops of its report page if there are more on the page.
 
     `measure` detects stops relative to the typical speed, so it may count a slow start and stops
     after it as one. The page lists each stop with its duration.
@@ -151,7 +151,7 @@ def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
 
 
 class _GoalError(RunError):
-    """The goal was not reached while the controller missed deadlines."""
+    """A goal was not reached. missed: deadlines that the controller missed during its motion."""
 
     def __init__(self, text: str, missed: int, wire: WireRun) -> None:
         super().__init__(text)

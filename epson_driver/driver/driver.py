@@ -433,7 +433,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard a status that is too old. Report an unknown status each second without one."""
+        """Discard an old status. While none arrives, report an unknown one each second."""
         while True:
             await wait_for_silence(self._status_missing)
             if self.robot.status is not None:

@@ -62,7 +62,7 @@ class JointLimits:
         return np.array([ROUNDING[unit] for unit in self.units])
 
     def settled(self, positions: Array) -> Array:
-        """Clip positions, shape (…, n), that are beyond a limit by at most ROUNDING."""
+        """Return positions, shape (…, n), clipped if beyond a limit by at most ROUNDING."""
         low, high = self.position_min, self.position_max
         rows = positions.reshape(-1, positions.shape[-1])
         if not rows.size or (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):

@@ -111,7 +111,7 @@ def _joint(
 
 
 MAX_STEP_S = 0.004
-"""Maximum step of the smoother, s, which plans between two steps."""
+"""Maximum step of the smoother, s. It plans between two steps."""
 
 MIN_SEGMENTS = 2
 """Minimum number of segments for `fastest`. The smoother is already optimal for one segment."""
@@ -234,8 +234,7 @@ def _of_samples(
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
     """Return every `parts`-th point of a motion with evenly spaced points.
 
-    If the last point is not one of them, the position of the last point is repeated at their next
-    time.
+    If that omits the last point, its position is added, as the next point of the result.
     """
     count = len(trajectory.times)
     chosen = np.arange(0, count + parts - 1, parts)
@@ -282,7 +281,7 @@ def thinned(
     """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
     The points are `spacing` to twice `spacing` s apart. They are points of the trajectory, and
-    points of the motion where these are too far apart. They are closer where a segment would
+    points of the motion where the former are too far apart. They are closer where a segment would
     deviate by more than `deviation`, rad (or m), from the motion in a joint. The last two may also
     be closer. `mode` and `refine` are those of `smoothed`. Raises like `smoothed`.
     """

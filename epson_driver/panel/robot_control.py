@@ -78,7 +78,7 @@ class RobotControl:
         self._speed_wanted: float | None = None
         self._speed_asked = False
         self.stop_alarm = ''
-        """The known reason why a STOP was not carried out, with the remedy. Empty: it was."""
+        """The known reason why a STOP was not carried out, with the remedy, or ''."""
         self._stops = 0
         self._stop_asked: float | None = None
 
@@ -86,7 +86,7 @@ class RobotControl:
 
     @property
     def simulated(self) -> bool:
-        """Whether the controller at these parameters has recently reported a simulation."""
+        """Whether the controller at `_address` has recently reported a simulation."""
         state = self.robot.state
         known = self._pendant_at == self._address and state.simulation is not None
         return known and state.fresh('simulation', self._clock())
@@ -211,7 +211,7 @@ class RobotControl:
         self.robot.log(self.stop_alarm, ERROR)
 
     def disable(self) -> None:
-        """Stop and disable the arm. Raises NoDriverError if the driver does not offer it."""
+        """Stop and disable the arm. Raises NoDriverError if the driver has no ~/disable."""
         self.robot.trigger('disable', self.robot.log)
 
     # --- for the armed browser --------------------------------------------------------------

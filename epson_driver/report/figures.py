@@ -22,7 +22,7 @@ MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
 """Minimum and maximum number of samples in a window on either side."""
 
 LATE_PERIODS = 5.0
-"""Interval before a joint state above which it is very late, as a multiple of the median."""
+"""A joint state is very late after an interval of more than this multiple of the median."""
 
 UNLIKELY_SHARE = 0.3
 """Maximum deviation of a velocity from the fit to many samples, as a fraction of the fit."""
@@ -144,9 +144,9 @@ class Motion:
     """One plan and its execution. Times in s, angles in rad, lengths in m.
 
     points, planned: number of points and duration of the plan. sent, began: times of the first
-    point and of the first motion. dead_time: between both. moved: duration of the motion. stops:
-    stops during the motion that are not in the plan. waypoint_deviation: largest distance of a
-    point from the path, independent of time. Values are None if the arm did not move.
+    point and of the first motion. dead_time: from sent to began. moved: duration of the motion.
+    stops: stops during the motion that are not in the plan. waypoint_deviation: largest distance
+    of a point from the path, independent of time. Values are None if the arm did not move.
     """
 
     sent: float

@@ -345,7 +345,7 @@ class Controller:
 
         The clock proceeds from one timer to the next. Before each timer the arm advances to the
         timer's due time (`_move`). `SimulatedArm.step` calls `Program.step`, which steps the
-        executor and supplies the next point if one is done within the step. Finally the servos
+        executor and supplies the next point if a point is done within it. Finally the servos
         follow the resulting command.
         """
         self.clock.advance(self.clock.now + dt, self._move)
@@ -399,7 +399,7 @@ class Controller:
 
     @property
     def error_number(self) -> int:
-        """The error shown in STATUS, TASK_ABORTED during an E-stop."""
+        """The error shown in STATUS. It is TASK_ABORTED during an E-stop."""
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number

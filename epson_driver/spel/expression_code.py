@@ -603,4 +603,4 @@ def check_depth(text: str, at: Position) -> None:
         elif sign in ')]}':
             depth -= 1
     if deepest > _DEEPEST_PYTHON:
-        raise SyntaxProblem(at, 'the expression is too deep: divide it')
+        raise SyntaxProblem(at, 'the expression is nested too deeply: split it')

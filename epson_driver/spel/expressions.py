@@ -150,7 +150,9 @@ class Reader:
         """Read an expression."""
         self._depth += 1
         if self._depth > DEEPEST:
-            raise SyntaxProblem(self.here.position, 'the expression is too deep: divide it')
+            raise SyntaxProblem(
+                self.here.position, 'the expression is nested too deeply: split it'
+            )
         read = self._binary(0)
         self._depth -= 1
         return read
@@ -177,7 +179,7 @@ class Reader:
             token = self.step()
             self._operators += 1
             if self._operators > MAX_OPERATORS:
-                raise SyntaxProblem(token.position, 'the expression is too long: divide it')
+                raise SyntaxProblem(token.position, 'the expression is too long: split it')
             operator = _SAME.get(token.lower, token.lower)
             left = Binary(operator, left, self._binary(level + 1), token.position)
         return left
@@ -194,7 +196,9 @@ class Reader:
     def _deeper(self) -> None:
         self._depth += 1
         if self._depth > DEEPEST:
-            raise SyntaxProblem(self.here.position, 'the expression is too deep: divide it')
+            raise SyntaxProblem(
+                self.here.position, 'the expression is nested too deeply: split it'
+            )
 
     def _point(self) -> Expression:
         """Read an operand with any point modifiers: :Z(0), +TLZ(10), /L, @1 (p592)."""
@@ -216,7 +220,7 @@ class Reader:
                 return left
             self._operators += 1
             if self._operators > MAX_OPERATORS:
-                raise SyntaxProblem(self.here.position, 'the expression is too long: divide it')
+                raise SyntaxProblem(self.here.position, 'the expression is too long: split it')
 
     def _flag(self, point: Expression, sign: Token) -> Expression:
         """Read a posture, or a local: /2, /(i), @2."""

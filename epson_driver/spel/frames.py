@@ -183,7 +183,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return the rotation of orientations in a frame. With BaseU it is not that of the axes."""
+    """Return the rotation of orientations in a frame. With BaseU the axes have another one."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]

@@ -575,7 +575,7 @@ class Task:
         return number
 
     def flagged(self, point: Point, flag: str) -> Point:
-        """Return a point with a posture (/L), in a local (/1), or converted to one (@1)."""
+        """Return a point with a posture (/L), in a local (/1), or converted to a local (@1)."""
         if flag[0] == '@':
             return in_local(point, int(flag[1:]), self.world.locals)
         return point.flagged(flag)

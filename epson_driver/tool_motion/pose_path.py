@@ -186,7 +186,7 @@ class Run:
 
     @cached_property
     def ends(self) -> Array:
-        """Distance at which each segment ends: the middle of the blend after it, or the end."""
+        """Distances, as in `seams`, at which segments end: the middle of each blend, the end."""
         blends = [len(segment) > 1 for segment in self.segments]
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 

@@ -331,7 +331,7 @@ FAULTS = [
     ('Function f(n As Long)\n  f(ByRef n)\nFend', 'f: n is not ByRef'),
     ('Function f(a As Long, A As Real)\nFend', 'A is declared twice in the function'),
     ('Function f(f As Long) As Long\nFend', 'f is declared twice in the function'),
-    (f'Function main\n  Print {"(" * 60}1{")" * 60}\nFend', 'the expression is too deep'),
+    (f'Function main\n  Print {"(" * 60}1{")" * 60}\nFend', 'the expression is nested'),
     (f'Function main\n  Print 1{" + 1" * 200}\nFend', 'the expression is too long'),
     ('Function main\n' + '  Do\n' * 40 + '  Loop\n' * 40 + 'Fend', 'nested too deeply'),
 ]  # fmt: skip
