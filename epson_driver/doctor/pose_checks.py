@@ -70,7 +70,7 @@ def _judge_jog(index: int, name: str, moved: Array, findings: Findings) -> None:
     elif others.max(initial=0.0) > OTHERS_SHARE * abs(moved[index]):
         number = int(np.argmax(np.where(np.arange(len(moved)) == index, 0.0, np.abs(moved)))) + 1
         text = f'number {number} moved too'
-        remedy = 'jog in joint mode. If you did, the axes are coupled: set joint_coupling'
+        remedy = 'jog one joint in joint mode. If you did, axes are coupled: set joint_coupling'
         findings.wrong(about, text, remedy)
     elif moved[index] < 0.0:
         text = f'{name} decreased: it has the opposite sign'

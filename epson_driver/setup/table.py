@@ -228,8 +228,8 @@ TABLE = (
     Row(
         'state_position_margin',
         0.1,
-        'Maximum reported joint position beyond the joint range. A larger value is implausible: '
-        'it is not published and disables the arm.',
+        'Maximum distance of a reported joint position from the joint range. A larger distance is '
+        'implausible: the position is not published and disables the arm.',
         0.0,
         10.0,
         unit='rad, m',
@@ -379,7 +379,7 @@ TABLE = (
     Row(
         'gripper.time',
         2.0,
-        'Time allowed for opening or closing. After it the gripper counts as holding.',
+        'Maximum duration of a motion. A closing gripper that takes longer holds an object.',
         0.05,
         60.0,
         unit='s',

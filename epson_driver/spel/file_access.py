@@ -48,7 +48,7 @@ def _open(mode: str) -> Callable[[Task, str, int], None]:
 
 
 def close(task: Task, number: float) -> None:
-    """Write and close an open file (Close #number)."""
+    """Flush and close an open file (Close #number)."""
     flush(task, number)
     del task.world.open_files[nearest(number)]
 
