@@ -234,8 +234,9 @@ def test_paused_motion_of_every_kind_resumes(profile, smooth, how):
     async def scenario():
         own_speed = Settings(require_planned_speed=profile != 'fanuc')
         async with robot_cell(profile=profile, smooth=smooth, settings=own_speed) as (robot, _):
+            start = robot.joints
             motion = await started(robot, how)
-            await asyncio.sleep(0.7)
+            await until(lambda: np.abs(np.subtract(robot.joints, start)).max() > 0.02)
             robot.set_speed_scaling(0.0)
             assert robot.status.paused
             assert robot.status.text == 'pausing: the arm brakes'

@@ -331,8 +331,7 @@ def test_real_robot_requires_allow_motion(tmp_path: Path) -> None:
             assert not client.parts['controls']['simulated']
             client.wait_for_lamp('Door', 'unknown')
         with motion_panel.window() as client:
-            client.click('Arm')
-            client.wait(lambda: client.armed, 'armed')
+            motion_panel.arm(client)
     finally:
         for panel in panels:
             panel.end()
