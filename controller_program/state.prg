@@ -51,13 +51,13 @@ Function StateService
   m_moving = STATE_UNKNOWN
   i = 0
   Do
-    ' The client learns at once that the arm has started or stopped, else after ten positions
+    ' The client learns at once that the arm has stopped, else after ten positions
     i = i + 1
-    If i < 11 And Moving = m_moving Then
-      SendPosition
-    Else
+    If i = 11 Or (m_moving = STATE_TRUE And Moving = STATE_FALSE) Then
       SendStatus
       i = 0
+    Else
+      SendPosition
     EndIf
     If Not NextSlot Then Exit Function
   Loop

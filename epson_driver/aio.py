@@ -31,7 +31,7 @@ from epson_driver.api.motions import Motions
 from epson_driver.api.points import Points
 from epson_driver.api.poses import Waypoint
 from epson_driver.api.recording import Recording
-from epson_driver.api.settings import Settings, parameter_values
+from epson_driver.api.settings import Settings, checked_argument, parameter_values
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
@@ -131,6 +131,8 @@ class Robot(Motions, Streams):
         `motion` out, because the program determines it. enable: whether `connect` also enables
         the arm.
         """
+        for name, value in (('controller', controller), ('model', model)):
+            checked_argument(name, value)
         robot = cls(controller=controller, model=model, settings=settings, enable=enable)
         words = [f'--controller={controller}', f'--robot={model}']
         if motion not in (None, 'smooth', 'ptp'):

@@ -70,24 +70,29 @@ class Settings:
 _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
+def checked_argument(name: str, value: object) -> str:
+    """Return the ROS parameter of a Robot's argument. Raises ValueError if `value` is invalid."""
+    row = ROWS[ARGUMENTS.get(name, name)]
+    row.allowed.checked(value, name)
+    return row.name
+
+
 def parameter_values(
     settings: Settings, host: str, controller: str | None, model: str | None, **ports: int | None
 ) -> dict[str, Any]:
     """Return the settings and the arguments of a Robot by ROS parameter name.
 
     host: an address or a robot's file. An argument of None is left out, because the file, the
-    profile or the table has its default. Raises ValueError if an
-    argument is invalid.
+    profile or the table has its default. Raises ValueError if an argument is invalid.
     """
     in_file = isinstance(host, str) and host.endswith('.yaml')
     values = robot_settings(host) if in_file else {}
-    arguments = {'host': None if in_file else host, 'controller': controller, 'model': model}
-    for name, value in {**arguments, **ports}.items():
-        if value is None:
-            continue
-        row = ROWS[ARGUMENTS.get(name, name)]
-        row.allowed.checked(value, name)
-        values[row.name] = value
+    optional = {'controller': controller, 'model': model, **ports}
+    arguments = {name: value for name, value in optional.items() if value is not None}
+    if not in_file:
+        arguments['host'] = host
+    for name, value in arguments.items():
+        values[checked_argument(name, value)] = value
     for item in fields(settings):
         value = getattr(settings, item.name)
         if value is not None and 'row' in item.metadata:

@@ -97,6 +97,7 @@ host p f: CX CY CZ CU CV CW
 host p,i i: PPls
 host p,i f: PAgl
 host p i: TargetOK
+host p,i,i f: PTPTime
 """
 
 
@@ -118,7 +119,7 @@ STUB_RESULTS = {
         'vistrans vxtrans workque_get base diffpoint hofs box plane',
         'n': 'accelr aio_in avgspeed cnv_lpulse cnv_pulse cnv_speed difftoolorientation '
         'finedist healthrbinfo healthctrlinfo inertia inreal olrate outreal peakspeed ptrq atrq '
-        'realtorque realaccel singularityangle singularityspeed tcpspeed tcspeed weight ptptime',
+        'realtorque realaccel singularityangle singularityspeed tcpspeed tcspeed weight',
     }.items()
     for name in names.split()
 }

@@ -68,7 +68,7 @@ def test_each_setting_reaches_its_parameter():
     assert setup.values['joint_signs'] == [-1]
     assert setup.goals.stopped_velocity == 0.07
     assert not setup.goals.require_planned_speed
-    assert (setup.servo.share, setup.servo.timeout) == (0.5, 0.2)
+    assert (setup.servo.scale, setup.servo.timeout) == (0.5, 0.2)
     assert list(setup.tolerances('goal').position) == [0.04] * 6
     assert setup.values['constraints.goal_time'] == 6.0
     assert (setup.values['trace_folder'], setup.values['trace_file']) == ('traces', 'one.pcap')

@@ -155,6 +155,7 @@ VALUES = {
     'plocal': ('PLocal(XY(0, 0, 0, 0) /2)', '2'),
     'ljm': ('CX(LJM(XY(1, 2, 3, 4), Here))', '1'),
     'cp': ('CP', '0'),
+    'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
 }
 """An expression for each function and its printed value, with input 3 on."""
 

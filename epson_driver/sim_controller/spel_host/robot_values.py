@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from epson_driver.motion import Array
+from epson_driver.motion import Array, go
 from epson_driver.robots.chain import REVOLUTE
 from epson_driver.robots.model import robot_type
 from epson_driver.sim_controller.condition.states import Mode
@@ -167,6 +167,16 @@ def _least_motion(robot: RobotContext, arguments: Arguments) -> Point:
     return robot.points.least_motion(_point(point), near, int(number))  # type: ignore[arg-type]
 
 
+def _time(robot: RobotContext, arguments: Arguments) -> float:
+    """Return the duration of a Go from the current position, s, or 0 if it is impossible."""
+    try:
+        target = robot.points.joints(_point(arguments[0]), robot.here)
+    except SpelError:
+        return 0.0
+    spel = robot.controller.spel
+    return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
+
+
 def _where(robot: RobotContext, arguments: Arguments) -> str:
     """Return the output of Where for a position (p890). Clients depend on its columns."""
     values = _point(arguments[0]).values
@@ -258,6 +268,7 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'ppls': _point_pulses,
     'pagl': _point_angle,
     'targetok': _target_ok,
+    'ptptime': _time,
     'ljm': _least_motion,
 }
 """Name of a SPEL+ function in lower case → function that returns its value."""

@@ -67,7 +67,7 @@ def test_inv5_standstill_before_the_report_of_rest_counts_up_to_the_rest_time(re
         sample = robot.on_joints(joint_data([0.0]), at)
         if sample is None:  # one position has no velocity
             return False
-        standstill.see(sample, robot, STOPPED, at)
+        standstill.update(sample, robot, STOPPED, at)
         return standstill.reached(sample.measured)
 
     steps = BEGIN + 0.01 * np.arange(1, 150)

@@ -137,13 +137,16 @@ def test_angles_of_points_are_in_degrees_and_millimetres(caplog):
     assert harness.printed[-1] == '-30'
 
 
-def test_targetok_evaluates_a_target(caplog):
+def test_targetok_and_ptptime_evaluate_a_target(caplog):
     body = """
       P1 = Here
       Print TargetOK(P1), TargetOK(P1 +Z(2000)), TargetOK(JA(500, 0, 0, 0, 0, 0))
+      Print PTPTime(JA(0, -10, 20, 0, -60, 0), 0, 0) < 0.001, PTPTime(P1 +Z(2000), 0, 0)
+      Speed 50; Accel 50, 50
+      Print PTPTime(JA(60, -10, 20, 0, -60, 0), 0, 0) > PTPTime(JA(5, -10, 20, 0, -60, 0), 0, 0)
     """
     harness = run_main(caplog, body, start=BENT)
-    assert harness.printed == ['-1 0 0']
+    assert harness.printed == ['-1 0 0', '-1 0', '-1']
 
 
 def test_state_words_show_motors_motion_and_till(caplog):
