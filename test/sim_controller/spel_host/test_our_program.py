@@ -245,7 +245,7 @@ def test_scara_moves_and_reports_its_joints():
             (['--motion', 'ptp'], '--motion: a SPEL+ program determines its motion itself'),
             (['--define', 'FULL_POWER'], 'must be NAME=VALUE'),
             (['--define', 'FULLPOWER=1'], "no file of the project has a line #define 'FULLPOWER'"),
-            (['--state-period', '0.01'], '--state-period: a SPEL+ program sends states'),
+            (['--state-period', '0.01'], 'a SPEL+ program determines itself when it sends states'),
         ],
         several=True,
     ),
