@@ -23,6 +23,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from support.spin_thread import SpinThread
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.remote_ethernet.client import RemoteError, execute
@@ -90,13 +91,12 @@ class SoakUser:
             self._on_status,
             10,
         )
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread = SpinThread(self._executor)
         self._thread.start()
 
     def close(self) -> None:
         """Stop the thread and leave ROS."""
-        self._executor.shutdown()
-        self._thread.join(PATIENCE_S)
+        self._thread.end()
         self._node.destroy_node()
         self._context.shutdown()
 

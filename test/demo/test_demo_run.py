@@ -24,6 +24,7 @@ from rich.console import Console
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support.longer_arm import arm_file
+from support.spin_thread import SpinThread
 
 from epson_driver.cli import demo
 from epson_driver.demo import cell, ros_client, run
@@ -299,7 +300,7 @@ def test_recording_includes_states_after_the_result(monkeypatch):
     driver = LateStates(context)
     executor = MultiThreadedExecutor(context=context)
     executor.add_node(driver.node)
-    thread = threading.Thread(target=executor.spin)
+    thread = SpinThread(executor)
     thread.start()
     user = RosClient(NAMES, lambda: None)
     try:
@@ -312,8 +313,7 @@ def test_recording_includes_states_after_the_result(monkeypatch):
         if driver.later.ident is not None:
             driver.later.join()
         user.close()
-        executor.shutdown()
-        thread.join()
+        thread.end()
         driver.server.destroy()
         driver.node.destroy_node()
         context.try_shutdown()

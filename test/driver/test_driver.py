@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import struct
-import threading
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +14,6 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.task import Future
 from support.driver_harness import (
     JOINTS,
     LIMITS,
@@ -28,6 +26,7 @@ from support.driver_harness import (
     simulated,
 )
 from support.event_loop import now, run, until
+from support.spin_thread import SpinThread
 
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
@@ -420,7 +419,7 @@ PORTS = ('motion', 'state', 'io', 'remote')
 def make_node(monkeypatch):
     """Return a function that makes a node, served by an executor, for a controller's ports."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context, served = rclpy.Context(), Future()
+    context = rclpy.Context()
     rclpy.init(context=context, domain_id=free_ros_domain())
     executor = SingleThreadedExecutor(context=context)
     nodes = []
@@ -432,12 +431,10 @@ def make_node(monkeypatch):
         executor.add_node(node)
         return node
 
-    thread = threading.Thread(target=executor.spin_until_future_complete, args=(served,))
+    thread = SpinThread(executor)
     thread.start()
     yield make
-    served.set_result(None)
-    thread.join()
-    executor.shutdown()
+    thread.end()
     for node in nodes:
         node.destroy_node()
     context.shutdown()

@@ -7,7 +7,6 @@ import contextlib
 import gc
 import resource
 import sys
-import threading
 from collections import Counter
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support.driver_harness import JOINTS, Harness, pose, simulated
 from support.event_loop import run, until
+from support.spin_thread import SpinThread
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import ArmCommands
@@ -126,7 +126,7 @@ class User:
         self._executor = SingleThreadedExecutor(context=self._context)
         for node in self._nodes:
             self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._executor.spin)
+        self._thread = SpinThread(self._executor)
 
     async def __aenter__(self):
         self._driving = asyncio.create_task(self.client.run())
@@ -137,8 +137,7 @@ class User:
         self._driving.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._driving
-        self._executor.shutdown()
-        self._thread.join()
+        self._thread.end()
         for node in self._nodes:
             node.destroy_node()
         self._context.try_shutdown()

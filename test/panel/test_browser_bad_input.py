@@ -3,7 +3,6 @@
 """Malicious or invalid driver messages neither run scripts in the page nor break it."""
 
 import math
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +25,7 @@ from std_msgs.msg import Float64, String
 from support.browser import chromium
 from support.panel_client import PanelProcess
 from support.panel_page import Page
+from support.spin_thread import SpinThread
 
 from epson_driver.processes.processes import free_ros_domain
 
@@ -113,15 +113,14 @@ def hostile_driver(
     result = HostileDriver(context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(result.node)
-    thread = threading.Thread(target=executor.spin)
+    thread = SpinThread(executor)
     thread.start()
     panel = PanelProcess(tmp_path, domain, patience=False)
     try:
         yield result, panel
     finally:
         code = panel.end()
-        executor.shutdown()
-        thread.join()
+        thread.end()
         result.node.destroy_node()
         context.try_shutdown()
     assert code == 0

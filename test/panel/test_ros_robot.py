@@ -24,6 +24,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
+from support.spin_thread import SpinThread
 
 from epson_driver.motion import Trajectory
 from epson_driver.node.ros_process import RosThread
@@ -83,7 +84,7 @@ class DriverAndPanel:
         self.driver = Driver(self._nodes[0])
         self._executor = MultiThreadedExecutor(context=context)
         self._executor.add_node(self._nodes[0])
-        self._thread = threading.Thread(target=self._executor.spin)
+        self._thread = SpinThread(self._executor)
         self.errors: list[BaseException] = []
         self.serving = RosThread(lambda _, error: self.errors.append(error), context)
         self.serving.executor.add_node(self._nodes[1])
@@ -108,8 +109,7 @@ class DriverAndPanel:
     def close(self) -> None:
         self.driver.stopped.set()
         self.serving.leave()
-        self._executor.shutdown()
-        self._thread.join()
+        self._thread.end()
         self.driver.server.destroy()
         for node in self._nodes:
             node.destroy_node()

@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 
 from epson_driver.motion import Array, JointLimits
 from support.ros_peer import CONTEXTS, PATIENCE
+from support.spin_thread import SpinThread
 
 NAME = 'joint_trajectory_controller'
 ACTION = f'/{NAME}/follow_joint_trajectory'
@@ -122,24 +123,19 @@ class JtcLike:
         self._executor = SingleThreadedExecutor(context=self.node.context)
         self._executor.add_node(self.node)
         self._closing = False
-        self._threads = [threading.Thread(target=target) for target in (self._spin, self._cycle)]
-        for thread in self._threads:
-            thread.start()
+        self._spinning = SpinThread(self._executor)
+        self._cycling = threading.Thread(target=self._cycle)
+        self._spinning.start()
+        self._cycling.start()
 
     def close(self) -> None:
         self._closing = True
-        self._executor.create_task(lambda: None)
-        for thread in self._threads:
-            thread.join(PATIENCE)
-        self._executor.shutdown()
+        self._cycling.join(PATIENCE)
+        self._spinning.end()
         self.node.destroy_node()
         CONTEXTS.give(self._domain)
 
     # --- the executor's thread --------------------------------------------------------------
-
-    def _spin(self) -> None:
-        while not self._closing:
-            self._executor.spin_once()
 
     def _accepted(self, handle: Any) -> None:
         goal = handle.request

@@ -29,6 +29,8 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from support.spin_thread import SpinThread
+
 PATIENCE = 120.0
 """Time limit for an event, s. No assertion depends on it."""
 
@@ -181,20 +183,11 @@ class RosPeer:
             latched,
         )
         self._set_speed = self.node.create_client(SetSpeedScaling, f'{driver}/set_speed_scaling')
-        self._closing = False
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread = SpinThread(self._executor)
         self._thread.start()
 
-    def _spin(self) -> None:
-        while not self._closing:
-            self._executor.spin_once()
-
     def close(self) -> None:
-        self._closing = True
-        self._executor.create_task(lambda: None)  # wakes up the executor
-        self._thread.join(PATIENCE)  # before its node is destroyed
-        assert not self._thread.is_alive(), 'a callback does not end'
-        self._executor.shutdown()
+        self._thread.end()
         self.node.destroy_node()
         self._contexts.give(self._domain)
 

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from support.cell import START, Cell
 from support.ros_peer import PATIENCE, trajectory
+from support.spin_thread import SpinThread
 
 DI, DO = IoPoint.DIGITAL_INPUT, IoPoint.DIGITAL_OUTPUT
 AO, GO = IoPoint.ANALOG_OUTPUT, IoPoint.GROUP_OUTPUT
@@ -39,12 +40,11 @@ class IoPeer:
         )
         self._read = self._node.create_client(ReadIo, '/epson_driver/read_io')
         self._write = self._node.create_client(WriteIo, '/epson_driver/write_io')
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread = SpinThread(self._executor)
         self._thread.start()
 
     def close(self) -> None:
-        self._executor.shutdown()
-        self._thread.join(PATIENCE)
+        self._thread.end()
         self._node.destroy_node()
         self._context.shutdown()
 
