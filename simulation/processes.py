@@ -231,7 +231,7 @@ class NodeProcess(Process):
             start = queue.ready_sample(now).positions
             lines = self._lines(start, ways, blend, speed)
             planned = await plan.in_thread(
-                lambda look: plan_sequence(self._arm, start, lines, look=look)
+                lambda checkpoint: plan_sequence(self._arm, start, lines, checkpoint=checkpoint)
             )
             plan.check()
             if not queue.idle or self.driver.statements is not None:

@@ -135,7 +135,7 @@ def smoothed(
     path_tolerance: float = 0.0,
     catch_up: float = np.inf,
     observer: Observer | None = None,
-    look: Callable[[float], None] = lambda _: None,
+    checkpoint: Callable[[float], None] = lambda _: None,
 ) -> Trajectory:
     """Return a smooth motion through a trajectory's points, one point every `period` s.
 
@@ -150,7 +150,7 @@ def smoothed(
     * `path_tolerance`: maximum deviation from each point except the ends, rad (or m). It is used
       by `fastest`, and with TIME_PRESERVING and infinite look-ahead by `denoised`.
     * `planner`, `catch_up`, `observer`: passed to `Smoother`.
-    * `look`: called with the time of each sample, s. It may raise to cancel.
+    * `checkpoint`: called with the time of each sample, s. It may raise to cancel.
 
     Raises ValueError if an argument is invalid or the motion would exceed a limit, or RuntimeError
     if the planner raises.
@@ -185,7 +185,7 @@ def smoothed(
     samples = [state]
     fed = 0
     while fed < len(positions) or smoother.moving:
-        look(len(samples) * period)
+        checkpoint(len(samples) * period)
         for _ in range(steps):
             while fed < len(positions) and smoother.look_ahead < look_ahead:
                 smoother.append(positions[fed], durations[fed])

@@ -51,11 +51,11 @@ class Executed:
         end: float,
         longest: float,
         start: float = 0.0,
-        look: Callable[[float], None] = lambda _: None,
+        checkpoint: Callable[[float], None] = lambda _: None,
     ) -> Trajectory:
         """Return the motion from `start` until it is at rest, at `end`, s.
 
-        longest: maximum time between two points, s. look: called with the time of each point, s.
+        longest: maximum time between two points, s. checkpoint: called with each point's time, s.
         It may raise to cancel. Raises ValueError if there would be more than MAX_POINTS.
         """
         sample_times(end - start, longest)  # raises
@@ -76,7 +76,7 @@ class Executed:
         times = times[bisect_left(times, start) :]
         states = []
         for time in times:
-            look(time)
+            checkpoint(time)
             states.append(self._state(time))
         return Trajectory(names, np.array(times), *map(np.array, zip(*states, strict=True)))
 
@@ -132,8 +132,8 @@ class StoppableMotion:
     stop is on the path if that is possible within the limits. To prepare for it, a second smoother
     executes the plans of the first one up to the time passed to `follow`.
 
-    `look` is called at each sample, and may raise to cancel. Raises ValueError if the motion takes
-    longer than MAX_DURATION_S, or the exceptions of `smoothed`.
+    `checkpoint` is called at each sample, and may raise to cancel. Raises ValueError if the motion
+    takes longer than MAX_DURATION_S, or the exceptions of `smoothed`.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class StoppableMotion:
         trajectory: Trajectory,
         limits: JointLimits,
         mode: Mode = Mode.TIME_PRESERVING,
-        look: Callable[[], None] = lambda: None,
+        checkpoint: Callable[[], None] = lambda: None,
     ) -> None:
         plans: list[Plan | None] = []
 
@@ -150,7 +150,7 @@ class StoppableMotion:
             return plans[-1]
 
         def check(time: float) -> None:
-            look()
+            checkpoint()
             if time > MAX_DURATION_S:
                 raise ValueError(
                     f'point {len(trajectory.times) - 1}: time_from_start = {time:g} s or later: a '
@@ -162,7 +162,13 @@ class StoppableMotion:
         trajectory = trajectory.in_order(limits.names)
         self._executed = executed = Executed(trajectory.positions[0])
         self.motion = smoothed(
-            trajectory, limits, mode, planner=planned, refine=False, observer=executed, look=check
+            trajectory,
+            limits,
+            mode,
+            planner=planned,
+            refine=False,
+            observer=executed,
+            checkpoint=check,
         )
         again = iter(plans)
         self._repeated = Executed(trajectory.positions[0])
@@ -182,7 +188,7 @@ class StoppableMotion:
     def points(self, longest: float) -> Trajectory:
         """Return the motion as points from 0 s, at most `longest` s apart (see Executed)."""
         end = float(self.motion.times[-1] - self.motion.times[0])
-        return self._executed.points(self.motion.joint_names, end, longest, look=self._check)
+        return self._executed.points(self.motion.joint_names, end, longest, checkpoint=self._check)
 
     def follow(self, time: float) -> None:
         """Prepare for a stop that starts `time` s after the start of the motion, or later."""

@@ -67,9 +67,9 @@ _EPSILON = 1e-6
 _FREE = 1e3
 """Width of a row's range that makes the row inactive."""
 
-_OWN = 7
-"""Number of unknowns of a joint in an interval before the places and the neutral jerks: the states
-at both knots, and h."""
+_PLACE = 7
+"""Index of the first place among a joint's unknowns in an interval, after the states at both knots
+and h."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +182,8 @@ class Search:
         self._knot_width[movable[1:], :, 0] = problem.tolerance[movable][:, None] / scale
         self._knot_centre = np.zeros((m, n, 3))
         self._knot_centre[:, :, 0] = self._x[1:, :, 0]
-        own = np.arange(n)[:, None] * 3 + np.arange(3)
-        self._at_knot, self._at_both = own, np.concatenate([own, 3 * n + 1 + own], axis=1)
+        states = np.arange(n)[:, None] * 3 + np.arange(3)
+        self._at_knot, self._at_both = states, np.concatenate([states, 3 * n + 1 + states], axis=1)
         """Indices of each joint's state, at one knot and at both, in an interval's system."""
         self._changes = np.ones((m + 1, n, 3), dtype=bool)
         self._changes[[0, -1]] = False
@@ -232,8 +232,8 @@ class Search:
     def _nearest_places(self, chord: Array) -> Array:
         """Return the place on the chord nearest to each node, shape (m, STEPS), [0, 1]."""
         positions = slice(self._nodes.positions.start - STEPS, self._nodes.positions.stop - STEPS)
-        since = (self._states[:, :, positions] - self._start[:, :, None]) * self._scale[:, None]
-        along: Array = (since * chord[:, :, None]).sum(axis=1) / (chord**2).sum(axis=1)[:, None]
+        offset = (self._states[:, :, positions] - self._start[:, :, None]) * self._scale[:, None]
+        along: Array = (offset * chord[:, :, None]).sum(axis=1) / (chord**2).sum(axis=1)[:, None]
         return along.clip(0.02, 0.98)
 
     def _rows(self) -> Array:
@@ -274,20 +274,20 @@ class Search:
         weights = np.split(stiffness.sum(axis=0), ends)
         forces = np.split(push[0] - push[1], ends)
 
-        own, right, neutral = self._without_neutral(tangents, weights[0], forces[0])
-        systems, right_sides, places = self._without_places(own, right, weights, forces)
+        matrices, right, neutral = self._without_neutral(tangents, weights[0], forces[0])
+        systems, right_sides, places = self._without_places(matrices, right, weights, forces)
         solved = self._solve_knots(systems, right_sides, weights[1], forces[1])
         if solved is None:
             return False
         # back substitution
         of_h = 3 * n
         by_x, by_h = solved[:, self._at_knot], solved[:-1, of_h]
-        known = np.concatenate([solved[:-1], solved[1:, :of_h]], axis=1)[..., None]
-        by_place = -(places[:, :, :-1] @ known)[..., 0] - places[:, :, -1]
-        shared = _OWN + STEPS
+        knot_changes = np.concatenate([solved[:-1], solved[1:, :of_h]], axis=1)[..., None]
+        by_place = -(places[:, :, :-1] @ knot_changes)[..., 0] - places[:, :, -1]
+        shared = _PLACE + STEPS
         change = np.empty((m, n, tangents.shape[3]))
         change[..., :3], change[..., 3:6] = by_x[:-1], by_x[1:]
-        change[..., 6], change[..., _OWN:shared] = by_h[:, None], by_place[:, None]
+        change[..., 6], change[..., _PLACE:shared] = by_h[:, None], by_place[:, None]
         change[..., shared:] = -(neutral[..., :-1] @ change[..., :shared, None])[..., 0]
         change[..., shared:] -= neutral[..., -1]
         of_rows = np.concatenate(
@@ -321,11 +321,11 @@ class Search:
             self._inverse(),
             self._nodes.neutral,
         )
-        jerks = np.zeros((m, n, STEPS, _OWN + STEPS + neutral.shape[1]))
+        jerks = np.zeros((m, n, STEPS, _PLACE + STEPS + neutral.shape[1]))
         jerks[..., :3] = -(inverse @ self._by_state[:, end])[:, None]
         jerks[..., 3:6] = inverse[:, None]
         jerks[..., 6] = -self._by_h[:, :, end] @ _transposed(inverse)
-        jerks[..., _OWN + STEPS :] = neutral
+        jerks[..., _PLACE + STEPS :] = neutral
         return jerks, -self._defects @ _transposed(inverse)
 
     def _tangents(self, jerks: Array, corrections: Array) -> tuple[Array, Array]:
@@ -340,10 +340,10 @@ class Search:
         tangents[:, :, STEPS:, :3] += self._by_state[:, None, :count]
         tangents[:, :, STEPS:, 6] += self._by_h[:, :, :count]
         place = np.arange(STEPS)
-        tangents[:, :, positions.start + place, _OWN + place] -= self._chord[:, :, None]
+        tangents[:, :, positions.start + place, _PLACE + place] -= self._chord[:, :, None]
         tangents /= self._width[..., None]
-        others = corrections @ _transposed(self._by_jerk[:, :count])
-        return tangents, np.concatenate([corrections, others], axis=2) / self._width
+        by_correction = corrections @ _transposed(self._by_jerk[:, :count])
+        return tangents, np.concatenate([corrections, by_correction], axis=2) / self._width
 
     def _without_neutral(
         self, tangents: Array, weights: Array, forces: Array
@@ -353,49 +353,49 @@ class Search:
         Return the matrix and right side of the reduced system, and the neutral jerks as a function
         of the remaining unknowns.
         """
-        shape, shared = (*tangents.shape[:3], 1), _OWN + STEPS
-        across = _transposed(tangents)
-        own = across @ (tangents * weights.reshape(shape))
-        right = (across @ forces.reshape(shape))[..., 0]
-        free = own[..., shared:, shared:]
+        shape, shared = (*tangents.shape[:3], 1), _PLACE + STEPS
+        transposed = _transposed(tangents)
+        matrices = transposed @ (tangents * weights.reshape(shape))
+        right = (transposed @ forces.reshape(shape))[..., 0]
+        free = matrices[..., shared:, shared:]
         free += (_EPSILON / self._j**2)[:, None, None] * np.eye(free.shape[-1])
-        between = own[..., shared:, :shared]
+        coupling = matrices[..., shared:, :shared]
         neutral = np.linalg.solve(
-            free, np.concatenate([between, right[..., shared:, None]], axis=3)
+            free, np.concatenate([coupling, right[..., shared:, None]], axis=3)
         )
-        less = _transposed(between) @ neutral
+        reduction = _transposed(coupling) @ neutral
         return (
-            own[..., :shared, :shared] - less[..., :-1],
-            right[..., :shared] - less[..., -1],
+            matrices[..., :shared, :shared] - reduction[..., :-1],
+            right[..., :shared] - reduction[..., -1],
             neutral,
         )
 
     def _without_places(
-        self, own: Array, right: Array, weights: list[Array], forces: list[Array]
+        self, matrices: Array, right: Array, weights: list[Array], forces: list[Array]
     ) -> tuple[Array, Array, Array]:
         """Eliminate the places on the chord, and combine the joints of each interval.
 
         Return the matrix and right side of each interval's system, and the places as a function of
         the remaining unknowns.
         """
-        (m, n), at, reach = self._size, self._at_both, self._min_durations / self._h**2
+        (m, n), indices, slopes = self._size, self._at_both, self._min_durations / self._h**2
         size, of_h, place = 6 * n + 1, 3 * n, np.arange(STEPS)
         systems, right_sides = np.zeros((m, size, size)), np.zeros((m, size))
-        systems[:, at[:, :, None], at[:, None, :]] = own[..., :6, :6]
-        systems[:, at, of_h] = systems[:, of_h, at] = own[..., :6, 6]
-        systems[:, of_h, of_h] = own[..., 6, 6].sum(axis=1) + weights[3] * reach**2
+        systems[:, indices[:, :, None], indices[:, None, :]] = matrices[..., :6, :6]
+        systems[:, indices, of_h] = systems[:, of_h, indices] = matrices[..., :6, 6]
+        systems[:, of_h, of_h] = matrices[..., 6, 6].sum(axis=1) + weights[3] * slopes**2
         systems[:, of_h, of_h] += STIFFNESS / m / self._h**2
-        right_sides[:, at] = right[..., :6]
-        right_sides[:, of_h] = right[..., 6].sum(axis=1) + 1.0 / self.duration - forces[3] * reach
-        by_place = own[..., _OWN:, _OWN:].sum(axis=1)
+        right_sides[:, indices] = right[..., :6]
+        right_sides[:, of_h] = right[..., 6].sum(axis=1) + 1.0 / self.duration - forces[3] * slopes
+        by_place = matrices[..., _PLACE:, _PLACE:].sum(axis=1)
         by_place[:, place, place] += 4.0 * weights[2].reshape(m, STEPS) + PLACE_STIFFNESS
-        others = np.zeros((m, STEPS, size + 1))
-        others[:, :, at] = own[..., _OWN:, :6].transpose(0, 2, 1, 3)
-        others[:, :, of_h] = own[..., _OWN:, 6].sum(axis=1)
-        others[:, :, -1] = right[..., _OWN:].sum(axis=1) + 2.0 * forces[2].reshape(m, STEPS)
-        places = np.linalg.solve(by_place, others)
-        less = _transposed(others[:, :, :-1]) @ places
-        return systems - less[:, :, :-1], right_sides - less[:, :, -1], places
+        coupled = np.zeros((m, STEPS, size + 1))
+        coupled[:, :, indices] = matrices[..., _PLACE:, :6].transpose(0, 2, 1, 3)
+        coupled[:, :, of_h] = matrices[..., _PLACE:, 6].sum(axis=1)
+        coupled[:, :, -1] = right[..., _PLACE:].sum(axis=1) + 2.0 * forces[2].reshape(m, STEPS)
+        places = np.linalg.solve(by_place, coupled)
+        reduction = _transposed(coupled[:, :, :-1]) @ places
+        return systems - reduction[:, :, :-1], right_sides - reduction[:, :, -1], places
 
     def _solve_knots(
         self, systems: Array, right_sides: Array, weights: Array, forces: Array
@@ -404,7 +404,7 @@ class Search:
 
         Return None if it is not finite.
         """
-        (m, n), own = self._size, self._at_knot
+        (m, n), states = self._size, self._at_knot
         size, of_h = 3 * n + 1, 3 * n
         diagonal, right = np.zeros((m + 1, size, size)), np.zeros((m + 1, size))
         diagonal[:-1], right[:-1] = systems[:, :size, :size], right_sides[:, :size]
@@ -412,12 +412,12 @@ class Search:
         right[1:, :of_h] += right_sides[:, size:]
         off_diagonal = np.zeros((m, size, size))
         off_diagonal[:, :, :of_h] = systems[:, :size, size:]
-        diagonal[1:, own, own] += weights.reshape(m, n, 3) / self._knot_width**2
-        right[1:, own] += forces.reshape(m, n, 3) / self._knot_width
+        diagonal[1:, states, states] += weights.reshape(m, n, 3) / self._knot_width**2
+        right[1:, states] += forces.reshape(m, n, 3) / self._knot_width
         scales = np.stack([np.full(n, 1e-2), np.ones(n), self._a], axis=1)
-        diagonal[:, own, own] += _EPSILON / scales**2
+        diagonal[:, states, states] += _EPSILON / scales**2
         changes = np.ones((m + 1, size), dtype=bool)
-        changes[:, own] = self._changes
+        changes[:, states] = self._changes
         changes[-1, of_h] = False
         diagonal *= changes[:, :, None] & changes[:, None, :]
         diagonal[:, np.arange(size), np.arange(size)] += ~changes
@@ -452,8 +452,8 @@ class Search:
         self._excess = float(np.abs(rows).max()) - 1.0
         corrections = np.abs(self._defects @ _transposed(self._inverse()))
         self._max_defect = float((corrections / self._j[:, None]).max())
-        lower = 0.15 if min(length, dual_length) > 0.7 else 0.5
-        self._mu = max(lower * self._gap, GAP) / self._slack.size
+        factor = 0.15 if min(length, dual_length) > 0.7 else 0.5
+        self._mu = max(factor * self._gap, GAP) / self._slack.size
 
 
 def _longest(values: Array, changes: Array) -> float:

@@ -296,12 +296,12 @@ class MotionPrimitives:
         start = await self.start_positions(plan)
         try:
             return await plan.in_thread(
-                lambda look: plan_sequence(
+                lambda checkpoint: plan_sequence(
                     self.kinematics,
                     start,
                     primitives,
                     sampled=self._setup.interpolates,
-                    look=look,
+                    checkpoint=checkpoint,
                 )
             )
         except (SequenceError, PlanningEndedError) as error:

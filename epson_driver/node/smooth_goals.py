@@ -448,11 +448,11 @@ class SmoothGoals:
         return bool(stops == 'brake' or (stops == 'auto' and self._downstream.keeps_stamps))
 
     def _planned(
-        self, goal: ForwardedGoal, start: Array, look: Callable[[], None]
+        self, goal: ForwardedGoal, start: Array, checkpoint: Callable[[], None]
     ) -> tuple[StoppableMotion, Trajectory]:
         """Return the smooth motion from a position at rest, shape (n,), and its points.
 
-        It may run in any thread. look: raises an exception if the motion is no longer needed.
+        It may run in any thread. checkpoint: raises if the motion is no longer needed.
         """
         planned = goal.trajectory
         times, positions = planned.times, planned.positions.copy()
@@ -463,7 +463,7 @@ class SmoothGoals:
         optimal = self._parameters['timing'] == 'time_optimal'
         mode = Mode.TIME_OPTIMAL if optimal else Mode.TIME_PRESERVING
         whole = Trajectory(planned.joint_names, times, positions)
-        motion = StoppableMotion(whole, goal.limits, mode, look)
+        motion = StoppableMotion(whole, goal.limits, mode, checkpoint)
         return motion, motion.points(self._parameters['period'])
 
     async def _send(

@@ -18,32 +18,32 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.interpolation import hermite, polynomial
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.tool_motion.joint_path import JointPath, Look
+from epson_driver.tool_motion.joint_path import Checkpoint, JointPath
 from epson_driver.tool_motion.path_timing import TimedRun, timed
 from epson_driver.tool_motion.pose_path import BlendError
-from epson_driver.tool_motion.speed_profile import PartLimits, highest, share_of_limits
+from epson_driver.tool_motion.speed_profile import PartLimits, fraction_of_limits, highest
 
-LOOKS = 100
+SAMPLES = 100
 """Number of samples of each move and of each blend."""
 
 STEP_RAD = 0.01
 """Sampling step of a move for the distance of the tool from a corner, rad or m."""
 
-MIN_LOOKS, MAX_LOOKS = 50, 2000
+MIN_SAMPLES, MAX_SAMPLES = 50, 2000
 
 SHRINK = 0.8
 """Factor by which a blend is reduced repeatedly until the tool stays within the radius."""
 
 MAX_SHRINKS = 60
 
-ACCURACY_SHARE = 0.1
+ACCURACY_FRACTION = 0.1
 """Maximum distance of the tool from the path between two sent points, as a fraction of the
 smallest radius."""
 
 SHORTEST_MOVE_S = 1e-6
 """Minimum duration of a move at full speed, s."""
 
-RESERVE_SHARE = 0.01
+RESERVE_FRACTION = 0.01
 """Fraction of the limits that is reserved in a blend, whose derivatives are only sampled."""
 
 
@@ -60,9 +60,9 @@ class _Part:
     limits: JointLimits
     blend: bool
 
-    def derivative(self, shares: Array, order: int = 0) -> Array:
+    def derivative(self, fractions: Array, order: int = 0) -> Array:
         """Return a derivative of the joints by the fraction, shape (m, n), at fractions, (m,)."""
-        return polynomial(self.coefficients, shares, order)
+        return polynomial(self.coefficients, fractions, order)
 
 
 def blended_joints(
@@ -71,7 +71,7 @@ def blended_joints(
     targets: Sequence[Array],
     radii: Sequence[float],
     limits: Sequence[JointLimits],
-    look: Look = lambda: None,
+    checkpoint: Checkpoint = lambda: None,
 ) -> TimedRun:
     """Return the fastest motion from rest to rest, straight in joint space except in blends.
 
@@ -80,28 +80,28 @@ def blended_joints(
     Raises BlendError if a blend does not fit or a move has no length, or PathError if no motion is
     possible.
     """
-    parts = _parts(kinematics, [start, *targets], radii, limits, look)
+    parts = _parts(kinematics, [start, *targets], radii, limits, checkpoint)
     seams = np.concatenate([[0.0], np.cumsum([part.size for part in parts])])
-    looks = [np.linspace(*ends, LOOKS, endpoint=False) for ends in pairwise(seams)]
-    distances = np.concatenate([*looks, seams[-1:]])
+    samples = [np.linspace(*ends, SAMPLES, endpoint=False) for ends in pairwise(seams)]
+    distances = np.concatenate([*samples, seams[-1:]])
 
-    def at(others: Array) -> Array:
-        owners = np.clip(np.searchsorted(seams, others, 'right') - 1, 0, len(parts) - 1)
-        joints = np.empty((len(others), len(start)))
+    def joints_at(queried: Array) -> Array:
+        indices = np.clip(np.searchsorted(seams, queried, 'right') - 1, 0, len(parts) - 1)
+        joints = np.empty((len(queried), len(start)))
         for index, part in enumerate(parts):
-            mine = owners == index
-            joints[mine] = part.derivative((others[mine] - seams[index]) / part.size)
+            inside = indices == index
+            joints[inside] = part.derivative((queried[inside] - seams[index]) / part.size)
         return joints
 
-    joints = at(distances)
-    positions = _tool_positions(kinematics, joints, look)
+    joints = joints_at(distances)
+    positions = _tool_positions(kinematics, joints, checkpoint)
     blends = [part.blend for part in parts]
     ends = np.append((seams[:-1] + seams[1:])[blends] / 2.0, seams[-1])
     return timed(
-        JointPath('the way', kinematics, distances, joints, positions, at, look),
+        JointPath('the way', kinematics, distances, joints, positions, joints_at, checkpoint),
         [_part_limits(part) for part in parts],
         ends,
-        accuracy=ACCURACY_SHARE * min(radii),
+        accuracy=ACCURACY_FRACTION * min(radii),
         slow=True,  # only because of rounding: the parts respect the limits
     )
 
@@ -111,7 +111,7 @@ def _parts(
     corners: Sequence[Array],
     radii: Sequence[float],
     limits: Sequence[JointLimits],
-    look: Look,
+    checkpoint: Checkpoint,
 ) -> list[_Part]:
     """Return the moves, and the blends between them.
 
@@ -125,45 +125,45 @@ def _parts(
     for index, size in enumerate(sizes):
         if size < SHORTEST_MOVE_S:
             raise BlendError(index, 'the joints are already there')
-    positions = partial(_tool_positions, kinematics, look=look)
+    positions = partial(_tool_positions, kinematics, checkpoint=checkpoint)
     blends: list[_Part] = []
     for index, radius in enumerate(radii):
-        corner, behind = corners[index + 1], index + 1
-        room = min(
-            sizes[index] * _share_within(positions, corner, -steps[index], radius, index),
-            sizes[behind] * _share_within(positions, corner, steps[behind], radius, behind),
+        corner, after = corners[index + 1], index + 1
+        extent = min(
+            sizes[index] * _fraction_within(positions, corner, -steps[index], radius, index),
+            sizes[after] * _fraction_within(positions, corner, steps[after], radius, after),
         )
-        rates = steps[index] / sizes[index], steps[behind] / sizes[behind]
-        room, coefficients = _blend(positions, corner, rates, room, radius, index)
-        both = _both(limits[index], limits[behind])
-        blends.append(_Part(2.0 * room, coefficients, both, blend=True))
+        rates = steps[index] / sizes[index], steps[after] / sizes[after]
+        extent, coefficients = _blend(positions, corner, rates, extent, radius, index)
+        blend_limits = _stricter(limits[index], limits[after])
+        blends.append(_Part(2.0 * extent, coefficients, blend_limits, blend=True))
     cuts = [0.0, *(blend.size / 2.0 for blend in blends), 0.0]
     parts: list[_Part] = []
     for index, (step, size) in enumerate(zip(steps, sizes, strict=True)):
-        rest = size - cuts[index] - cuts[index + 1]
-        if rest < 0.0:
+        remaining = size - cuts[index] - cuts[index + 1]
+        if remaining < 0.0:
             raise BlendError(
                 index, 'the blends at both ends of the motion overlap: reduce one of them'
             )
-        if rest >= SHORTEST_MOVE_S:
+        if remaining >= SHORTEST_MOVE_S:
             coefficients = np.zeros((6, len(step)))
             coefficients[0] = corners[index] + step * (cuts[index] / size)
-            coefficients[1] = step * (rest / size)
-            parts.append(_Part(rest, coefficients, limits[index], blend=False))
+            coefficients[1] = step * (remaining / size)
+            parts.append(_Part(remaining, coefficients, limits[index], blend=False))
         parts.extend(blends[index : index + 1])
     return parts
 
 
-def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
+def _tool_positions(kinematics: Kinematics, joints: Array, checkpoint: Checkpoint) -> Array:
     """Return the tool positions, shape (m, 3), m, for joint positions, shape (m, n)."""
     positions = np.empty((len(joints), 3))
     for index, item in enumerate(joints):
-        look()
+        checkpoint()
         positions[index] = kinematics.forward(item)[:3, 3]
     return positions
 
 
-def _share_within(
+def _fraction_within(
     positions: Callable[[Array], Array], corner: Array, step: Array, radius: float, index: int
 ) -> float:
     """Return the first fraction of a move from a corner at which the tool is `radius` m away.
@@ -171,16 +171,16 @@ def _share_within(
     step: the move, shape (n,). Raises BlendError, with `index`, if the tool is never that far
     away.
     """
-    count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_LOOKS, MAX_LOOKS))
+    count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_SAMPLES, MAX_SAMPLES))
     (origin,) = positions(corner[None, :])
 
-    def away(shares: Array) -> Array:
+    def distances_at(fractions: Array) -> Array:
         return np.asarray(
-            np.linalg.norm(positions(corner + shares[:, None] * step) - origin, axis=1)
+            np.linalg.norm(positions(corner + fractions[:, None] * step) - origin, axis=1)
         )
 
-    shares = np.linspace(0.0, 1.0, count + 1)
-    distances = away(shares)
+    fractions = np.linspace(0.0, 1.0, count + 1)
+    distances = distances_at(fractions)
     outside = np.flatnonzero(distances > radius)
     if not len(outside):
         raise BlendError(
@@ -188,42 +188,44 @@ def _share_within(
             f'a blend of {radius:g} m is longer than the largest distance of the '
             f'tool from the corner, {distances.max():.4g} m',
         )
-    near, far = shares[outside[0] - 1 : outside[0] + 1].tolist()
-    return highest(lambda share: bool(away(np.array([share]))[0] <= radius), near, far)
+    near, far = fractions[outside[0] - 1 : outside[0] + 1].tolist()
+    return highest(
+        lambda fraction: bool(distances_at(np.array([fraction]))[0] <= radius), near, far
+    )
 
 
 def _blend(
     positions: Callable[[Array], Array],
     corner: Array,
     rates: tuple[Array, Array],
-    room: float,
+    extent: float,
     radius: float,
     index: int,
 ) -> tuple[float, Array]:
     """Return the extent of a blend to each side of a corner, s at full speed, and its polynomials.
 
     positions: function for the tool's positions. rates: the joints' velocities at full speed
-    before and after the corner. room: maximum extent. The extent is reduced until the tool stays
+    before and after the corner. extent: maximum extent. The extent is reduced until the tool stays
     within `radius`, m, of the corner. Raises BlendError, with `index`, if no extent is small
     enough.
     """
     (origin,) = positions(corner[None, :])
-    shares = np.linspace(0.0, 1.0, LOOKS + 1)
-    none = np.zeros_like(corner)
+    fractions = np.linspace(0.0, 1.0, SAMPLES + 1)
+    zero = np.zeros_like(corner)
     for _ in range(MAX_SHRINKS):
         ends = [
-            (corner + side * room * rate, 2.0 * room * rate, none)
+            (corner + side * extent * rate, 2.0 * extent * rate, zero)
             for side, rate in zip((-1.0, 1.0), rates, strict=True)
         ]
         coefficients = hermite(ends[0], ends[1])
-        away = np.linalg.norm(positions(polynomial(coefficients, shares)) - origin, axis=1)
-        if away.max() <= radius * (1.0 + 1e-9):
-            return room, coefficients
-        room *= SHRINK
+        distances = np.linalg.norm(positions(polynomial(coefficients, fractions)) - origin, axis=1)
+        if distances.max() <= radius * (1.0 + 1e-9):
+            return extent, coefficients
+        extent *= SHRINK
     raise BlendError(index, f'no blend keeps the tool within {radius:g} m of the corner')
 
 
-def _both(first: JointLimits, second: JointLimits) -> JointLimits:
+def _stricter(first: JointLimits, second: JointLimits) -> JointLimits:
     """Return the lower of two velocity, acceleration and jerk limits, for each joint."""
     return replace(
         first,
@@ -236,9 +238,9 @@ def _both(first: JointLimits, second: JointLimits) -> JointLimits:
 
 def _part_limits(part: _Part) -> PartLimits:
     """Return limits of the motion along a part with which all joints respect their limits."""
-    shares = np.linspace(0.0, 1.0, LOOKS + 1 if part.blend else 2)
+    fractions = np.linspace(0.0, 1.0, SAMPLES + 1 if part.blend else 2)
     first, second, third = (
-        np.max(np.abs(part.derivative(shares, order)), axis=0) / part.size**order
+        np.max(np.abs(part.derivative(fractions, order)), axis=0) / part.size**order
         for order in (1, 2, 3)
     )
     limits = part.limits
@@ -248,8 +250,8 @@ def _part_limits(part: _Part) -> PartLimits:
         jerk = float(np.min(limits.jerk / first))
     if part.blend:
         derivatives = (first, second, third)
-        fraction = float(share_of_limits(limits, derivatives, speed, acceleration, jerk))
-        fraction *= 1.0 - RESERVE_SHARE
+        fraction = float(fraction_of_limits(limits, derivatives, speed, acceleration, jerk))
+        fraction *= 1.0 - RESERVE_FRACTION
         speed, acceleration, jerk = (
             fraction * speed,
             fraction**2 * acceleration,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.tool_motion.speed_profile import share_of_limits
+from epson_driver.tool_motion.speed_profile import fraction_of_limits
 
 MIN_SAMPLES = 5
 
@@ -41,33 +41,33 @@ class Curve:
             raise ValueError(f'samples: must be finite, {MIN_SAMPLES} or more of each joint')
         self.samples = samples
         self._step = 1.0 / (len(samples) - 1)
-        bends = (samples[2:] - 2.0 * samples[1:-1] + samples[:-2]) * 6.0 / self._step**2
-        # M[i-1] + 4 M[i] + M[i+1] = bends, with the second derivative linear at the ends
-        matrix = 4.0 * np.eye(len(bends)) + np.eye(len(bends), k=1) + np.eye(len(bends), k=-1)
+        second = (samples[2:] - 2.0 * samples[1:-1] + samples[:-2]) * 6.0 / self._step**2
+        # M[i-1] + 4 M[i] + M[i+1] = second, with the second derivative linear at the ends
+        matrix = 4.0 * np.eye(len(second)) + np.eye(len(second), k=1) + np.eye(len(second), k=-1)
         matrix[0, :2] = matrix[-1, :-3:-1] = 6.0, 0.0
-        inner = np.linalg.solve(matrix, bends)
+        inner = np.linalg.solve(matrix, second)
         first, last = 2.0 * inner[0] - inner[1], 2.0 * inner[-1] - inner[-2]
-        self._bends = np.vstack([first, inner, last])
-        self._jumps = np.diff(self._bends, axis=0) / self._step
+        self._second = np.vstack([first, inner, last])
+        self._third = np.diff(self._second, axis=0) / self._step
 
-    def at(self, share: float) -> tuple[Array, Array, Array]:
+    def at(self, fraction: float) -> tuple[Array, Array, Array]:
         """Return position, first and second derivative at a fraction, [0, 1], shapes (n,)."""
-        share = min(max(share, 0.0), 1.0)
-        index = min(int(share / self._step), len(self.samples) - 2)
-        u = share - index * self._step
-        bend, jump = self._bends[index], self._jumps[index]
+        fraction = min(max(fraction, 0.0), 1.0)
+        index = min(int(fraction / self._step), len(self.samples) - 2)
+        u = fraction - index * self._step
+        second, third = self._second[index], self._third[index]
         slope = self._slope(index)
         return (
-            self.samples[index] + u * (slope + u * (bend / 2.0 + u * jump / 6.0)),
-            slope + u * (bend + u * jump / 2.0),
-            bend + u * jump,
+            self.samples[index] + u * (slope + u * (second / 2.0 + u * third / 6.0)),
+            slope + u * (second + u * third / 2.0),
+            second + u * third,
         )
 
     def _slope(self, index: int) -> Array:
         """Return the first derivative at a sample other than the last."""
         mean = (self.samples[index + 1] - self.samples[index]) / self._step
-        bends = 2.0 * self._bends[index] + self._bends[index + 1]
-        return np.asarray(mean - self._step * bends / 6.0)
+        seconds = 2.0 * self._second[index] + self._second[index + 1]
+        return np.asarray(mean - self._step * seconds / 6.0)
 
     def nearest(self, position: Array) -> float:
         """Return the fraction at which the curve is nearest to a position, shape (n,)."""
@@ -75,19 +75,19 @@ class Curve:
         low, high = (min(max((middle + side) * self._step, 0.0), 1.0) for side in (-1, 1))
         for _ in range(HALVINGS):
             fraction = (low + high) / 2.0
-            at, slope, _ = self.at(fraction)
-            low, high = (fraction, high) if slope @ (position - at) > 0.0 else (low, fraction)
+            point, slope, _ = self.at(fraction)
+            low, high = (fraction, high) if slope @ (position - point) > 0.0 else (low, fraction)
         return (low + high) / 2.0
 
     @property
-    def most(self) -> tuple[Array, Array, Array]:
+    def derivative_bounds(self) -> tuple[Array, Array, Array]:
         """Upper bounds of the magnitudes of the first three derivatives, shapes (n,)."""
         slopes = [np.abs(self._slope(index)) for index in range(len(self.samples) - 1)]
         slopes.append(np.abs(self.at(1.0)[1]))
-        bend = np.max(np.abs(self._bends), axis=0)
-        # between two samples, the slope changes by at most bend · step / 2 from the nearer sample
-        slope = np.max(slopes, axis=0) + bend * self._step / 2.0
-        return slope, bend, np.max(np.abs(self._jumps), axis=0)
+        second = np.max(np.abs(self._second), axis=0)
+        # the slope differs from the one at the nearer sample by at most second · step / 2
+        slope = np.max(slopes, axis=0) + second * self._step / 2.0
+        return slope, second, np.max(np.abs(self._third), axis=0)
 
 
 class CurveMotion:
@@ -104,12 +104,12 @@ class CurveMotion:
         self.end = curve.at(float(timing.end[0]))[0]
         self.duration = timing.duration
 
-    def when(self, share: float) -> float:
+    def when(self, fraction: float) -> float:
         """Return the time at which a fraction of the curve is reached, s."""
         early, late = 0.0, self.duration
         for _ in range(HALVINGS):
             time = (early + late) / 2.0
-            early, late = (time, late) if self._timing.at(time)[0][0] < share else (early, time)
+            early, late = (time, late) if self._timing.at(time)[0][0] < fraction else (early, time)
         return late
 
     @property
@@ -134,9 +134,9 @@ def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotio
     Raises ValueError if the curve leaves the position limits.
     """
     check_range(limits, curve.samples)
-    v, a, j = kept(limits, curve, speed)
+    v, a, j = reduced(limits, curve, speed)
     along = JointLimits(
-        ('share',),
+        ('fraction',),
         np.array([-1.0]),
         np.array([2.0]),
         np.array([v]),
@@ -146,11 +146,11 @@ def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotio
     return CurveMotion(curve, go(along, np.zeros(1), np.ones(1)))
 
 
-def kept(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float, float, float]:
+def reduced(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float, float, float]:
     """Return velocity, acceleration and jerk of `speed`, reduced to the joints' limits."""
     v, a, j = speed.velocity, speed.acceleration, speed.jerk
-    slower = float(share_of_limits(limits, curve.most, v, a, j))
-    return v * slower, a * slower**2, j * slower**3
+    factor = float(fraction_of_limits(limits, curve.derivative_bounds, v, a, j))
+    return v * factor, a * factor**2, j * factor**3
 
 
 def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array, Array]:
@@ -158,7 +158,7 @@ def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array,
 
     v, a, j: velocity, acceleration and jerk along the curve.
     """
-    first, second, third = curve.most
+    first, second, third = curve.derivative_bounds
     return (
         first * v,
         second * v**2 + first * a,

@@ -26,7 +26,7 @@ MAX_STEPS = 5000
 MAX_JOINT_STEP = 0.15
 """Maximum step of a joint between two samples, rad or m. If it is exceeded, samples are added."""
 
-CLOSEST = 64
+MAX_SUBDIVISION = 64
 """Maximum factor by which the spacing of samples is reduced. If a joint's step is still too large,
 the path is refused."""
 
@@ -35,7 +35,7 @@ class PathError(ValueError):
     """A path that the tool cannot follow. The text names the position and the reason."""
 
 
-Look = Callable[[], None]
+Checkpoint = Callable[[], None]
 """Called at every step of planning, in any thread. It may raise to cancel."""
 
 
@@ -45,8 +45,8 @@ class JointPath:
 
     distances: of k samples from the start, shape (k,), m, or another unit of the path's length.
     joints: joint positions there, shape (k, n). positions: tool positions there, shape (k, 3), m.
-    at: function from other distances, shape (m,), to joint positions, shape (m, n). name: name of
-    the run in error texts. look: called at each sample.
+    joints_at: function from other distances, shape (m,), to joint positions, shape (m, n). name:
+    name of the run in error texts. checkpoint: called at each sample.
     """
 
     name: str
@@ -54,8 +54,8 @@ class JointPath:
     distances: Array
     joints: Array
     positions: Array
-    at: Callable[[Array], Array]
-    look: Look = lambda: None
+    joints_at: Callable[[Array], Array]
+    checkpoint: Checkpoint = lambda: None
 
     def where(self, index: int) -> str:
         """Return text that describes the position of a sample on the path."""
@@ -68,7 +68,7 @@ def joint_path(
     start: Array,
     run: Run,
     name: str = 'the way',
-    look: Look = lambda: None,
+    checkpoint: Checkpoint = lambda: None,
 ) -> JointPath:
     """Return the joint positions along a run from the joint positions `start`, shape (n,).
 
@@ -82,50 +82,50 @@ def joint_path(
     ]
     if sum(counts) > MAX_STEPS:
         raise PathError(f'the path is longer than {MAX_STEPS} steps of {STEP_M * 1e3:g} mm')
-    looks = [
+    samples = [
         np.linspace(*seams, count, endpoint=False)
         for seams, count in zip(pairwise(run.seams), counts, strict=True)
     ]
-    wanted = np.concatenate([*looks, run.seams[-1:]]).tolist()[::-1]
-    total = wanted[0]
-    minimum = float(np.min(np.diff(wanted[::-1]))) / CLOSEST
+    pending = np.concatenate([*samples, run.seams[-1:]]).tolist()[::-1]
+    total = pending[0]
+    minimum = float(np.min(np.diff(pending[::-1]))) / MAX_SUBDIVISION
     visited: list[float] = []
     rows: list[Array] = []
     positions: list[Array] = []
-    before = start
-    while wanted:
-        look()
-        distance = wanted[-1]
+    previous = start
+    while pending:
+        checkpoint()
+        distance = pending[-1]
         pose = run.pose(distance)
         where = _where(distance / total, name, pose[:3, 3])
-        solutions = kinematics.inverse(pose, before)
+        solutions = kinematics.inverse(pose, previous)
         if not len(solutions):
             if why := kinematics.why_unreachable(pose):
                 raise PathError(f'no joint positions for the pose {where}: {why}')
-            raise PathError(_why_none(kinematics, before, where))
-        step = np.abs(solutions[0] - before)
+            raise PathError(_unreachable_reason(kinematics, previous, where))
+        step = np.abs(solutions[0] - previous)
         joint = int(np.argmax(step))
         if step[joint] > MAX_JOINT_STEP:
             if visited and distance - visited[-1] > minimum:
-                wanted.append((visited[-1] + distance) / 2.0)
+                pending.append((visited[-1] + distance) / 2.0)
                 continue
             names, units = kinematics.model.limits.names, kinematics.model.limits.units
             raise PathError(
                 f'near a singularity, or at a limit, {where}: {names[joint]} would '
-                f'have to jump from {before[joint]:.4g} to {solutions[0][joint]:.4g} '
+                f'have to jump from {previous[joint]:.4g} to {solutions[0][joint]:.4g} '
                 f'{units[joint]}'
             )
-        visited.append(wanted.pop())
-        before = solutions[0]
-        rows.append(before)
+        visited.append(pending.pop())
+        previous = solutions[0]
+        rows.append(previous)
         positions.append(pose[:3, 3])
     distances, joints = np.array(visited), np.array(rows)
 
-    def at(others: Array) -> Array:
-        near = np.array([np.interp(others, distances, column) for column in joints.T]).T
-        exact = np.empty_like(near)
-        for index, (distance, guess) in enumerate(zip(others.tolist(), near, strict=True)):
-            look()
+    def joints_at(queried: Array) -> Array:
+        guesses = np.array([np.interp(queried, distances, column) for column in joints.T]).T
+        exact = np.empty_like(guesses)
+        for index, (distance, guess) in enumerate(zip(queried.tolist(), guesses, strict=True)):
+            checkpoint()
             solutions = kinematics.inverse(run.pose(distance), guess)
             if not len(solutions) or np.max(np.abs(solutions[0] - guess)) > MAX_JOINT_STEP:
                 raise PathError(
@@ -134,23 +134,25 @@ def joint_path(
             exact[index] = solutions[0]
         return exact
 
-    return JointPath(name, kinematics, distances, joints, np.array(positions), at, look)
+    return JointPath(
+        name, kinematics, distances, joints, np.array(positions), joints_at, checkpoint
+    )
 
 
-def _where(share: float, name: str, position: Array) -> str:
-    at = ', '.join(f'{value * 1e3:.1f}' for value in position)
-    return f'{share * 100.0:.0f} % of {name}, at ({at}) mm'
+def _where(fraction: float, name: str, position: Array) -> str:
+    coordinates = ', '.join(f'{value * 1e3:.1f}' for value in position)
+    return f'{fraction * 100.0:.0f} % of {name}, at ({coordinates}) mm'
 
 
-def _why_none(kinematics: Kinematics, before: Array, where: str) -> str:
+def _unreachable_reason(kinematics: Kinematics, previous: Array, where: str) -> str:
     """Return why a pose has no solution. The text may name a joint near its limit."""
     limits = kinematics.model.limits
-    room = np.minimum(before - limits.position_min, limits.position_max - before)
-    joint = int(np.argmin(room))
-    if room[joint] > MAX_JOINT_STEP:
+    margin = np.minimum(previous - limits.position_min, limits.position_max - previous)
+    joint = int(np.argmin(margin))
+    if margin[joint] > MAX_JOINT_STEP:
         return f'out of reach {where}'
     return (
-        f'out of reach {where}: {limits.names[joint]} is at {before[joint]:.4g} just before, its '
-        f'limits are {limits.position_min[joint]:.4g} … {limits.position_max[joint]:.4g} '
+        f'out of reach {where}: {limits.names[joint]} is at {previous[joint]:.4g} just before, '
+        f'its limits are {limits.position_min[joint]:.4g} … {limits.position_max[joint]:.4g} '
         f'{limits.units[joint]}'
     )

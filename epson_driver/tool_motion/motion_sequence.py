@@ -17,7 +17,7 @@ from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.point_to_point import SHORTEST_MOVE_S
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.blended_joint_moves import blended_joints
-from epson_driver.tool_motion.joint_path import Look, PathError
+from epson_driver.tool_motion.joint_path import Checkpoint, PathError
 from epson_driver.tool_motion.path_timing import PERIOD_S, TimedRun, joined
 from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, runs
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
@@ -25,7 +25,7 @@ from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
 MOVE_TIME_TOLERANCE = 1e-6
 """Accepted excess of a motion's minimum duration over its move_time, relative to the move_time."""
 
-MOVE_SHARES = (0.8, 0.5, 0.3)
+MOVE_FRACTIONS = (0.8, 0.5, 0.3)
 """Durations for which a tool motion is planned, as fractions of its move_time. The first motion
 that is fast enough is then slowed down to the move_time."""
 
@@ -69,9 +69,9 @@ class PlannedSequence:
     trajectory: Trajectory
     ends: Array
 
-    def index(self, share: float) -> int:
+    def index(self, fraction: float) -> int:
         """Return the index of the motion that is executed after a fraction of the duration."""
-        time = share * self.trajectory.duration
+        time = fraction * self.trajectory.duration
         return min(int(np.searchsorted(self.ends, time, side='right')), len(self.ends) - 1)
 
 
@@ -81,21 +81,21 @@ def plan_sequence(
     primitives: Sequence[Primitive],
     *,
     sampled: bool = True,
-    look: Look = lambda: None,
+    checkpoint: Checkpoint = lambda: None,
 ) -> PlannedSequence:
     """Return the trajectory of all motions, from rest at the joint positions `start`, shape (n,).
 
-    sampled: if False, a single joint move is returned as its end point only. look: called
-    frequently, because a motion may take seconds to plan. It may raise to cancel. Raises
+    sampled: if False, a single joint move is returned as its end point only. checkpoint:
+    called often, because a motion may take seconds to plan. It may raise to cancel. Raises
     SequenceError if a motion cannot be executed.
     """
     groups = list(_groups(primitives))
-    runs_of: list[TimedRun] = []
-    at = start
+    timed_runs: list[TimedRun] = []
+    position = start
     for first, group in groups:
         try:
-            look()
-            result = _run(kinematics, at, group, look)
+            checkpoint()
+            result = _run(kinematics, position, group, checkpoint)
         except BlendError as error:
             index = first + error.index
             raise SequenceError(f'{_name(index, primitives[index])}: {error}') from error
@@ -103,15 +103,15 @@ def plan_sequence(
             last = first + len(group) - 1
             name = _name(first, group[0]) if last == first else f'motions[{first}] to [{last}]'
             raise SequenceError(f'{name}: {error}') from error
-        runs_of.append(result)
-        at = result.positions[-1]
+        timed_runs.append(result)
+        position = result.positions[-1]
     names = kinematics.model.limits.names
     if not sampled and len(primitives) == 1 and primitives[0].kind is Kind.LINEAR_JOINT:
-        (only,) = runs_of
+        (only,) = timed_runs
         end = Trajectory(names, only.ends, primitives[0].target[None, :])
         return PlannedSequence(end, only.ends)
     try:
-        return PlannedSequence(*joined(names, runs_of))
+        return PlannedSequence(*joined(names, timed_runs))
     except PathError as error:
         raise SequenceError(str(error)) from error
 
@@ -151,16 +151,18 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
                 'for a blended motion, set velocity and acceleration'
             )
     joints = Kind.LINEAR_JOINT
-    for index, (one, other) in enumerate(pairwise(group), first):
-        if (one.kind is joints) != (other.kind is joints):
+    for index, (current, following) in enumerate(pairwise(group), first):
+        if (current.kind is joints) != (following.kind is joints):
             raise SequenceError(
-                f'{_name(index, one)}: blend_radius = {one.blend_radius:g} m: must be 0, '
-                f'because motions[{index + 1}] is {other.kind.name}: joint and tool motions '
+                f'{_name(index, current)}: blend_radius = {current.blend_radius:g} m: must be 0, '
+                f'because motions[{index + 1}] is {following.kind.name}: joint and tool motions '
                 'cannot be blended'
             )
 
 
-def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look: Look) -> TimedRun:
+def _run(
+    kinematics: Kinematics, start: Array, group: Sequence[Primitive], checkpoint: Checkpoint
+) -> TimedRun:
     """Return the points of a group of blended motions, or of a single motion."""
     radii = [primitive.blend_radius for primitive in group[:-1]]
     if group[0].kind is Kind.LINEAR_JOINT:
@@ -168,7 +170,7 @@ def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look:
             return _joint_motion(kinematics.model.limits, start, group[0])
         limits = [_lowered(kinematics.model.limits, primitive) for primitive in group]
         targets = [primitive.target for primitive in group]
-        return blended_joints(kinematics, start, targets, radii, limits, look)
+        return blended_joints(kinematics, start, targets, radii, limits, checkpoint)
     segments: list[PosePath] = []
     pose = kinematics.forward(start)
     for index, primitive in enumerate(group):
@@ -180,20 +182,20 @@ def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look:
     (run,) = runs(segments, radii)
     if not group[0].move_time:
         tools = [_tool_limits(primitive) for primitive in group]
-        return timed_run(kinematics, start, run, tools, look=look)
+        return timed_run(kinematics, start, run, tools, checkpoint=checkpoint)
     move_time = group[0].move_time
-    for fraction in MOVE_SHARES:
+    for fraction in MOVE_FRACTIONS:
         tool = _tool_limits_of_time(segments[0], fraction * move_time)
-        result = timed_run(kinematics, start, run, [tool], look=look)
+        result = timed_run(kinematics, start, run, [tool], checkpoint=checkpoint)
         if result.ends[-1] <= move_time:
             return result.stretched(move_time / float(result.ends[-1]))
     raise ValueError(f'move_time = {move_time:.4g} s: too short for a smooth motion of the tool')
 
 
-def _segment(begin: Array, primitive: Primitive) -> PosePath:
+def _segment(start: Array, primitive: Primitive) -> PosePath:
     if primitive.via is None:
-        return line(begin, primitive.target)
-    return arc(begin, primitive.via, primitive.target)
+        return line(start, primitive.target)
+    return arc(start, primitive.via, primitive.target)
 
 
 def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> TimedRun:

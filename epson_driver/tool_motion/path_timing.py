@@ -22,7 +22,7 @@ from epson_driver.tool_motion.speed_profile import (
     PartLimits,
     SpeedProfile,
     fastest,
-    share_of_limits,
+    fraction_of_limits,
 )
 
 PERIOD_S = 0.05
@@ -63,7 +63,7 @@ class TimedRun:
 
 
 def timed(
-    found: JointPath,
+    path: JointPath,
     parts: Sequence[PartLimits],
     ends: Array,
     *,
@@ -76,17 +76,17 @@ def timed(
     from the path between two points, m, if the joints move straight. slow: whether to slow down
     where a joint limit requires it. Raises PathError if no motion is possible.
     """
-    for motion, stretch in _motions(found, parts, slow=slow):
+    for motion, stretch in _motions(path, parts, slow=slow):
         period = PERIOD_S
         while period >= MIN_PERIOD_S:
-            times, positions, velocities = _sampled(found, motion, stretch, period)
-            worst = _deviation(found, positions)
-            if worst <= accuracy:
+            times, positions, velocities = _sampled(path, motion, stretch, period)
+            deviation = _deviation(path, positions)
+            if deviation <= accuracy:
                 return TimedRun(times, positions, velocities, motion.when(ends) * stretch)
             period /= 2.0
     raise PathError(
-        f'points {period * 2.0:.3g} s apart leave the path by {worst * 1e3:.3g} mm between them: '
-        f'the required accuracy is {accuracy * 1e3:.3g} mm. Reduce the speed'
+        f'points {period * 2.0:.3g} s apart leave the path by {deviation * 1e3:.3g} mm between '
+        f'them: the required accuracy is {accuracy * 1e3:.3g} mm. Reduce the speed'
     )
 
 
@@ -114,43 +114,43 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
 
 
 def _motions(
-    found: JointPath, parts: Sequence[PartLimits], *, slow: bool
+    path: JointPath, parts: Sequence[PartLimits], *, slow: bool
 ) -> list[tuple[SpeedProfile, float]]:
     """Return possible motions, the fastest first, each with its slowdown factor.
 
     Raises PathError if a slowdown is needed and not `slow`, or if it exceeds MAX_STRETCH.
     """
-    slopes = _slopes(found)
+    slopes = _slopes(path)
     motion = fastest(parts)
-    stretch = _stretch(found, slopes, motion, slow=slow)
+    stretch = _stretch(path, slopes, motion, slow=slow)
     if stretch == 1.0:
         return [(motion, 1.0)]
-    item = [(motion, stretch)]
-    shares = _shares(found, slopes, parts)
+    candidates = [(motion, stretch)]
+    fractions = _allowed_fractions(path, slopes, parts)
     for levels in LEVELS:
-        motion = fastest(list(_slower(found, parts, shares, levels)))
-        item.append((motion, _stretch(found, slopes, motion, slow=True)))
-    return sorted(item, key=lambda one: one[0].duration * one[1])
+        motion = fastest(list(_slowed_parts(path, parts, fractions, levels)))
+        candidates.append((motion, _stretch(path, slopes, motion, slow=True)))
+    return sorted(candidates, key=lambda candidate: candidate[0].duration * candidate[1])
 
 
-def _slopes(found: JointPath) -> Array:
+def _slopes(path: JointPath) -> Array:
     """Return three derivatives of the joints by the distance at each sample, shape (3, k, n)."""
-    first = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
-    second = np.gradient(first, found.distances, axis=0, edge_order=2)
-    third = np.gradient(second, found.distances, axis=0, edge_order=2)
+    first = np.gradient(path.joints, path.distances, axis=0, edge_order=2)
+    second = np.gradient(first, path.distances, axis=0, edge_order=2)
+    third = np.gradient(second, path.distances, axis=0, edge_order=2)
     return np.array([first, second, third])
 
 
-def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
+def _stretch(path: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
     """Return the slowdown factor, 1 or more, with which a motion respects the joint limits.
 
     Raises PathError if it is above 1 and not `slow`, or above MAX_STRETCH.
     """
-    limits = found.kinematics.model.limits
+    limits = path.kinematics.model.limits
     first, second, third = slopes
-    times = np.linspace(0.0, motion.duration, 4 * len(found.distances))
+    times = np.linspace(0.0, motion.duration, 4 * len(path.distances))
     distance, *rates = motion.at(times)
-    index = np.clip(np.searchsorted(found.distances, distance), 0, len(found.distances) - 1)
+    index = np.clip(np.searchsorted(path.distances, distance), 0, len(path.distances) - 1)
     speed, acceleration, jerk = (rate[:, None] for rate in rates)
     needed = (
         ('velocity', '/s', first[index] * speed, limits.velocity, 1),
@@ -180,7 +180,7 @@ def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: boo
             unit = limits.units[joint] + per
             a = 'an' if quantity[0] in 'aeiou' else 'a'
             raise PathError(
-                f'near a singularity, or too fast, {found.where(int(index[row]))}: '
+                f'near a singularity, or too fast, {path.where(int(index[row]))}: '
                 f'{limits.names[joint]} would need {a} {quantity} of '
                 f'{abs(float(values[row, joint])):.4g} {unit}, the limit is '
                 f'{allowed[joint]:.4g} {unit}'
@@ -189,68 +189,68 @@ def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: boo
     return stretch
 
 
-def _shares(found: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Array:
+def _allowed_fractions(path: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Array:
     """Return the fraction f of the part's speed that the joints allow between samples, (k - 1,).
 
     Speed times f, acceleration times f² and jerk times f³ are within every joint limit, even all
     at the same time.
     """
-    limits = found.kinematics.model.limits
+    limits = path.kinematics.model.limits
     of_part = np.array([(part.speed, part.acceleration, part.jerk) for part in parts])
-    speed, acceleration, jerk = of_part[_part_of(found, parts)].T[:, :, None]
+    speed, acceleration, jerk = of_part[_part_indices(path, parts)].T[:, :, None]
     first, second, third = np.maximum(np.abs(slopes[:, 1:]), np.abs(slopes[:, :-1]))
-    fraction = share_of_limits(limits, (first, second, third), speed, acceleration, jerk)
-    beside = np.pad(fraction, 1, mode='edge')  # derivatives are differences of adjacent samples
-    return np.asarray(np.min([beside[:-2], fraction, beside[2:]], axis=0))
+    fraction = fraction_of_limits(limits, (first, second, third), speed, acceleration, jerk)
+    padded = np.pad(fraction, 1, mode='edge')  # derivatives are differences of adjacent samples
+    return np.asarray(np.min([padded[:-2], fraction, padded[2:]], axis=0))
 
 
-def _slower(
-    found: JointPath, parts: Sequence[PartLimits], shares: Array, levels: int
+def _slowed_parts(
+    path: JointPath, parts: Sequence[PartLimits], fractions: Array, levels: int
 ) -> Iterator[PartLimits]:
     """Yield the parts with reduced limits, divided where the reduction changes.
 
-    shares: the results of `_shares`, which are rounded down to one of `levels` levels.
+    shares: the results of `_allowed_fractions`, which are rounded down to one of `levels` levels.
     """
-    minimum = min(float(shares.min()), 1.0 - 1e-9)
-    allowed = minimum ** (np.ceil(np.log(shares) / np.log(minimum) * levels - 1e-9) / levels)
-    owners = _part_of(found, parts)
-    cut = (np.diff(allowed) != 0.0) | (np.diff(owners) != 0)
-    for start, end in pairwise([0, *(np.flatnonzero(cut) + 1).tolist(), len(shares)]):
-        part, fraction = parts[owners[start]], float(allowed[start])
+    minimum = min(float(fractions.min()), 1.0 - 1e-9)
+    allowed = minimum ** (np.ceil(np.log(fractions) / np.log(minimum) * levels - 1e-9) / levels)
+    indices = _part_indices(path, parts)
+    cut = (np.diff(allowed) != 0.0) | (np.diff(indices) != 0)
+    for start, end in pairwise([0, *(np.flatnonzero(cut) + 1).tolist(), len(fractions)]):
+        part, fraction = parts[indices[start]], float(allowed[start])
         yield PartLimits(
-            float(found.distances[end] - found.distances[start]),
+            float(path.distances[end] - path.distances[start]),
             fraction * part.speed,
             fraction**2 * part.acceleration,
             fraction**3 * part.jerk,
         )
 
 
-def _part_of(found: JointPath, parts: Sequence[PartLimits]) -> npt.NDArray[np.intp]:
+def _part_indices(path: JointPath, parts: Sequence[PartLimits]) -> npt.NDArray[np.intp]:
     """Return the index of the part that contains each step between two samples, (k - 1,)."""
     seams = np.cumsum([part.length for part in parts])
-    middles = (found.distances[1:] + found.distances[:-1]) / 2.0
+    middles = (path.distances[1:] + path.distances[:-1]) / 2.0
     return np.asarray(np.minimum(np.searchsorted(seams, middles), len(parts) - 1))
 
 
 def _sampled(
-    found: JointPath, motion: SpeedProfile, stretch: float, period: float
+    path: JointPath, motion: SpeedProfile, stretch: float, period: float
 ) -> tuple[Array, Array, Array]:
     """Return times, positions and velocities of the motion, at most `period` s apart."""
     duration = motion.duration * stretch
     times = sample_times(duration, min(period, duration / 2.0))
     distance, speed, _, _ = motion.at(times / stretch)
-    slopes = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
-    slope = np.array([np.interp(distance, found.distances, column) for column in slopes.T]).T
+    slopes = np.gradient(path.joints, path.distances, axis=0, edge_order=2)
+    slope = np.array([np.interp(distance, path.distances, column) for column in slopes.T]).T
     velocities = slope * speed[:, None] / stretch
     velocities[0] = velocities[-1] = 0.0
-    return times, found.at(distance), velocities
+    return times, path.joints_at(distance), velocities
 
 
-def _deviation(found: JointPath, positions: Array) -> float:
+def _deviation(path: JointPath, positions: Array) -> float:
     """Return the largest distance of the tool from the path, midway between two points, m."""
-    worst = 0.0
+    deviation = 0.0
     for middle in (positions[1:] + positions[:-1]) / 2.0:
-        found.look()
-        tool = found.kinematics.forward(middle)[:3, 3]
-        worst = max(worst, distance_from(tool, found.positions))
-    return worst
+        path.checkpoint()
+        tool = path.kinematics.forward(middle)[:3, 3]
+        deviation = max(deviation, distance_from(tool, path.positions))
+    return deviation

@@ -55,8 +55,10 @@ def line(start: Array, end: Array) -> PosePath:
     derivatives = np.zeros((3, 6))
     derivatives[0] = *offset, *turn
 
-    def pose(share: float) -> Array:
-        return homogeneous(start[:3, :3] @ rotation(share * turn), start[:3, 3] + share * offset)
+    def pose(fraction: float) -> Array:
+        return homogeneous(
+            start[:3, :3] @ rotation(fraction * turn), start[:3, 3] + fraction * offset
+        )
 
     def derivatives_at(_fraction: float) -> Array:
         return derivatives
@@ -89,13 +91,13 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
     turn = _turn(start[:3, :3], end[:3, :3])
     size = float(np.linalg.norm(radius))
 
-    def pose(share: float) -> Array:
-        at = center + size * (np.cos(share * sweep) * x + np.sin(share * sweep) * y)
-        return homogeneous(start[:3, :3] @ rotation(share * turn), at)
+    def pose(fraction: float) -> Array:
+        point = center + size * (np.cos(fraction * sweep) * x + np.sin(fraction * sweep) * y)
+        return homogeneous(start[:3, :3] @ rotation(fraction * turn), point)
 
-    def derivatives(share: float) -> Array:
-        out = size * (np.cos(share * sweep) * x + np.sin(share * sweep) * y)
-        along = size * (np.cos(share * sweep) * y - np.sin(share * sweep) * x)
+    def derivatives(fraction: float) -> Array:
+        out = size * (np.cos(fraction * sweep) * x + np.sin(fraction * sweep) * y)
+        along = size * (np.cos(fraction * sweep) * y - np.sin(fraction * sweep) * x)
         result = np.zeros((3, 6))
         result[:, :3] = sweep * along, -(sweep**2) * out, -(sweep**3) * along
         result[0, 3:] = turn
@@ -114,13 +116,13 @@ def level_arc(start: Array, via: Array, end: Array) -> PosePath:
     level[2, 3] = start[2, 3]
     path = arc(start, np.array([*via[:2], start[2, 3]]), level)
 
-    def pose(share: float) -> Array:
-        result = path.pose(share)
-        result[2, 3] += share * rise
+    def pose(fraction: float) -> Array:
+        result = path.pose(fraction)
+        result[2, 3] += fraction * rise
         return result
 
-    def derivatives(share: float) -> Array:
-        result = path.derivatives(share)
+    def derivatives(fraction: float) -> Array:
+        result = path.derivatives(fraction)
         result[0, 2] += rise
         return result
 
@@ -129,10 +131,10 @@ def level_arc(start: Array, via: Array, end: Array) -> PosePath:
 
 def distance_from(point: Array, positions: Array) -> float:
     """Return the distance of a point, (3,), from a polygon through positions, (k, 3), m."""
-    begins, steps = positions[:-1], np.diff(positions, axis=0)
+    starts, steps = positions[:-1], np.diff(positions, axis=0)
     squares = np.maximum(np.sum(steps * steps, axis=1), 1e-30)
-    shares = np.clip(np.sum((point - begins) * steps, axis=1) / squares, 0.0, 1.0)
-    nearest = begins + shares[:, None] * steps
+    fractions = np.clip(np.sum((point - starts) * steps, axis=1) / squares, 0.0, 1.0)
+    nearest = starts + fractions[:, None] * steps
     return float(np.min(np.linalg.norm(point - nearest, axis=1)))
 
 
@@ -257,23 +259,25 @@ def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
     Its length is given as twice the radius, slightly more than the real length. Position and turn
     are polynomials. The turn is a rotation vector in the frame at the corner.
     """
-    leave, reach = 1.0 - radius / before.length, radius / after.length
+    entry, exit_ = 1.0 - radius / before.length, radius / after.length
     corner = before.pose(1.0)
     ends = []
-    for path, share, turned in ((before, leave, leave - 1.0), (after, reach, reach)):
-        by_share = path.derivatives(share)
-        by_part = by_share * (2.0 * radius / path.length) ** np.arange(1, 4)[:, None]
-        away = np.concatenate([path.pose(share)[:3, 3] - corner[:3, 3], turned * by_share[0, 3:]])
-        ends.append((away, by_part[0], by_part[1]))
+    for path, fraction, turned in ((before, entry, entry - 1.0), (after, exit_, exit_)):
+        by_fraction = path.derivatives(fraction)
+        by_part = by_fraction * (2.0 * radius / path.length) ** np.arange(1, 4)[:, None]
+        offset = np.concatenate(
+            [path.pose(fraction)[:3, 3] - corner[:3, 3], turned * by_fraction[0, 3:]]
+        )
+        ends.append((offset, by_part[0], by_part[1]))
     coefficients = hermite(*ends)
     angle = float(np.linalg.norm(ends[0][0][3:]) + np.linalg.norm(ends[1][0][3:]))
 
-    def pose(share: float) -> Array:
-        (at,) = polynomial(coefficients, np.array([share]))
-        return homogeneous(corner[:3, :3] @ rotation(at[3:]), corner[:3, 3] + at[:3])
+    def pose(fraction: float) -> Array:
+        (change,) = polynomial(coefficients, np.array([fraction]))
+        return homogeneous(corner[:3, :3] @ rotation(change[3:]), corner[:3, 3] + change[:3])
 
-    def derivatives(share: float) -> Array:
-        at = np.array([share])
-        return np.concatenate([polynomial(coefficients, at, order) for order in (1, 2, 3)])
+    def derivatives(fraction: float) -> Array:
+        fractions = np.array([fraction])
+        return np.concatenate([polynomial(coefficients, fractions, order) for order in (1, 2, 3)])
 
     return PosePath(2.0 * radius, angle, pose, derivatives)

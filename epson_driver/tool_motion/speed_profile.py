@@ -17,7 +17,7 @@ from epson_driver.motion import Array, JointLimits
 HALVINGS = 60
 """Bisection steps, which reach full precision."""
 
-END_SHARE = 1e-9
+END_TOLERANCE = 1e-9
 """Relative distance from the end that counts as the end, because times are inaccurate there."""
 
 
@@ -31,7 +31,7 @@ class PartLimits:
     jerk: float
 
 
-def share_of_limits(
+def fraction_of_limits(
     limits: JointLimits,
     derivatives: tuple[Array, Array, Array],
     speed: Array | float,
@@ -45,7 +45,7 @@ def share_of_limits(
     """
     first, second, third = derivatives
     with np.errstate(divide='ignore'):
-        shares = (
+        fractions = (
             limits.velocity / (first * speed),
             np.sqrt(limits.acceleration / (second * speed**2 + first * acceleration)),
             np.cbrt(
@@ -54,7 +54,7 @@ def share_of_limits(
             ),
         )
     return np.asarray(
-        np.min([np.min(fraction, axis=-1) for fraction in shares], axis=0).clip(max=1.0)
+        np.min([np.min(fraction, axis=-1) for fraction in fractions], axis=0).clip(max=1.0)
     )
 
 
@@ -80,13 +80,13 @@ class SpeedProfile:
     def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
         """Return distance, speed, acceleration and jerk at times from 0 to the end, shape (m,)."""
         piece = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(self.jerks) - 1)
-        since = times - self.times[piece]
+        elapsed = times - self.times[piece]
         distance, speed = self.distances[piece], self.speeds[piece]
         acceleration, jerk = self.accelerations[piece], self.jerks[piece]
         return (
-            distance + since * (speed + since * (acceleration / 2.0 + since * jerk / 6.0)),
-            speed + since * (acceleration + since * jerk / 2.0),
-            acceleration + since * jerk,
+            distance + elapsed * (speed + elapsed * (acceleration / 2.0 + elapsed * jerk / 6.0)),
+            speed + elapsed * (acceleration + elapsed * jerk / 2.0),
+            acceleration + elapsed * jerk,
             jerk,
         )
 
@@ -97,7 +97,9 @@ class SpeedProfile:
             middle = (early + late) / 2.0
             before = self.at(middle)[0] < distances
             early, late = np.where(before, middle, early), np.where(before, late, middle)
-        return np.where(distances >= self.distances[-1] * (1.0 - END_SHARE), self.duration, late)
+        return np.where(
+            distances >= self.distances[-1] * (1.0 - END_TOLERANCE), self.duration, late
+        )
 
 
 def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
@@ -108,7 +110,7 @@ def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
     for part, (first, last) in zip(parts, pairwise(speeds), strict=True):
         end = distance + part.length
         speed, acceleration = first, 0.0
-        for duration, jerk in _through(part, first, last):
+        for duration, jerk in _pieces(part, first, last):
             columns.append((time, distance, speed, acceleration, jerk))
             distance += duration * (
                 speed + duration * (acceleration / 2.0 + duration * jerk / 6.0)
@@ -126,13 +128,13 @@ def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
     """Return the highest speeds at the start, between parts, and at the end."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(parts)), 0.0]
     for index, part in enumerate(parts):
-        speeds[index + 1] = min(speeds[index + 1], _reached(part, speeds[index]))
+        speeds[index + 1] = min(speeds[index + 1], _max_end_speed(part, speeds[index]))
     for index, part in reversed(list(enumerate(parts))):
-        speeds[index] = min(speeds[index], _reached(part, speeds[index + 1]))
+        speeds[index] = min(speeds[index], _max_end_speed(part, speeds[index + 1]))
     return speeds
 
 
-def _reached(part: PartLimits, first: float) -> float:
+def _max_end_speed(part: PartLimits, first: float) -> float:
     """Return the highest speed at the end of a part that starts with the speed `first`."""
     if first >= part.speed:
         return part.speed
@@ -149,7 +151,7 @@ def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
     return low
 
 
-def _through(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
+def _pieces(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
     """Yield the duration and jerk of each piece of a part, from speed `first` to speed `last`.
 
     The motion reaches the highest possible speed in between.
@@ -160,9 +162,9 @@ def _through(part: PartLimits, first: float, last: float) -> Iterator[tuple[floa
 
     top = highest(lambda speed: ramps(speed) <= part.length, max(first, last), part.speed)
     yield from _ramp(part, first, top)
-    rest = part.length - ramps(top)
-    if rest > 0.0:
-        yield rest / top, 0.0
+    remaining = part.length - ramps(top)
+    if remaining > 0.0:
+        yield remaining / top, 0.0
     yield from _ramp(part, top, last)
 
 

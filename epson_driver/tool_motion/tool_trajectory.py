@@ -14,7 +14,7 @@ import numpy as np
 
 from epson_driver.motion import Array, Trajectory
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.tool_motion.joint_path import Look, joint_path
+from epson_driver.tool_motion.joint_path import Checkpoint, joint_path
 from epson_driver.tool_motion.path_timing import TimedRun, joined, timed
 from epson_driver.tool_motion.pose_path import PosePath, Run, size_of
 from epson_driver.tool_motion.speed_profile import PartLimits
@@ -22,14 +22,14 @@ from epson_driver.tool_motion.speed_profile import PartLimits
 JERK_PER_ACCELERATION = 10.0
 """Default ratio of the tool's jerk to its acceleration, 1/s. The acceleration ramps take 0.1 s."""
 
-SIDEWAYS_SHARE = 0.8
+SIDEWAYS_FRACTION = 0.8
 """Maximum fraction of the acceleration that a bend uses. A fraction of 0.6 at right angles to it
 remains for changes of speed."""
 
 TINY = 1e-12
 """Lower bound of a derivative, which avoids divisions by 0."""
 
-BEND_LOOKS = 33
+BEND_SAMPLES = 33
 """Number of samples of the derivatives of each part of a path."""
 
 
@@ -50,7 +50,7 @@ class ToolLimits:
     slow: bool = False
     jerk_ratio: float = JERK_PER_ACCELERATION
 
-    def beside(self, other: 'ToolLimits') -> 'ToolLimits':
+    def tightened_with(self, other: 'ToolLimits') -> 'ToolLimits':
         """Return the stricter values of two sets of limits, for a blend between two motions."""
         minimum = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
         return ToolLimits(*minimum)
@@ -61,7 +61,7 @@ def trajectory_along_runs(
     start: Array,
     path: Sequence[Run],
     tool: ToolLimits,
-    look: Look = lambda: None,
+    checkpoint: Checkpoint = lambda: None,
 ) -> Trajectory:
     """Return a trajectory with velocities along the runs of a path, with a rest after each.
 
@@ -73,7 +73,7 @@ def trajectory_along_runs(
     for run in path:
         name = 'the way' if len(path) == 1 else f'the path to points[{run.last}]'
         first = result[-1].positions[-1] if result else start
-        result.append(timed_run(kinematics, first, run, tools, name, look))
+        result.append(timed_run(kinematics, first, run, tools, name, checkpoint))
     return joined(kinematics.model.limits.names, result)[0]
 
 
@@ -83,7 +83,7 @@ def timed_run(
     run: Run,
     tools: Sequence[ToolLimits],
     name: str = 'the way',
-    look: Look = lambda: None,
+    checkpoint: Checkpoint = lambda: None,
 ) -> TimedRun:
     """Return the points along a run.
 
@@ -92,10 +92,10 @@ def timed_run(
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):
-        limits.append(_part_limits(part, tools[owners[0]].beside(tools[owners[-1]])))
+        limits.append(_part_limits(part, tools[owners[0]].tightened_with(tools[owners[-1]])))
     used = tools[run.segments[0][0] : run.last + 1]
     return timed(
-        joint_path(kinematics, start, run, name, look),
+        joint_path(kinematics, start, run, name, checkpoint),
         limits,
         run.ends,
         accuracy=min(tool.accuracy for tool in used),
@@ -107,26 +107,26 @@ def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
     """Return limits of the motion along a part with which the tool respects its own limits."""
     size = size_of(part)
     powers = size ** np.arange(1, 4)[:, None]
-    looks = np.array(
+    samples = np.array(
         [
             part.derivatives(fraction) / powers
-            for fraction in np.linspace(0.0, 1.0, BEND_LOOKS).tolist()
+            for fraction in np.linspace(0.0, 1.0, BEND_SAMPLES).tolist()
         ]
     )
     # per m (rad) of the path, its square and its cube, for the tool's position and for its turn
-    upper = np.linalg.norm(looks.reshape(BEND_LOOKS, 3, 2, 3), axis=-1).max(axis=0)
+    upper = np.linalg.norm(samples.reshape(BEND_SAMPLES, 3, 2, 3), axis=-1).max(axis=0)
     upper = np.maximum(upper, TINY)
     speed_limits = np.array([tool.speed, tool.turn_speed])
-    urges = np.array([tool.acceleration, tool.turn_acceleration])
+    acceleration_limits = np.array([tool.acceleration, tool.turn_acceleration])
     speed = float(
         np.min(
             [
                 speed_limits / upper[0],
-                np.sqrt(SIDEWAYS_SHARE * urges / upper[1]),
-                np.cbrt(tool.jerk_ratio * urges / upper[2]),
+                np.sqrt(SIDEWAYS_FRACTION * acceleration_limits / upper[1]),
+                np.cbrt(tool.jerk_ratio * acceleration_limits / upper[2]),
             ]
         )
     )
-    sideways = min(float(np.max(speed**2 * upper[1] / urges)), SIDEWAYS_SHARE)
-    acceleration = float(np.min(urges / upper[0])) * np.sqrt(1.0 - sideways**2)
+    sideways = min(float(np.max(speed**2 * upper[1] / acceleration_limits)), SIDEWAYS_FRACTION)
+    acceleration = float(np.min(acceleration_limits / upper[0])) * np.sqrt(1.0 - sideways**2)
     return PartLimits(size, speed, acceleration, tool.jerk_ratio * acceleration)

@@ -50,17 +50,17 @@ def test_motion_and_its_stop_are_one_motion_within_the_limits(mode: Mode, fracti
     assert np.array_equal(motion.positions, smoothed(PLAN, LIMITS, mode, refine=False).positions)
     time = fraction * motion.duration
     whole.follow(time / 2)
-    left = whole.stopped(time, LONGEST_S)
-    assert np.diff(left.times).max(initial=0.0) <= LONGEST_S + 1e-9
+    stopped = whole.stopped(time, LONGEST_S)
+    assert np.diff(stopped.times).max(initial=0.0) <= LONGEST_S + 1e-9
     steps = int(time / MAX_STEP_S + 1e-9)
-    for points in (whole.points(LONGEST_S), left)[: 2 if steps else 1]:
+    for points in (whole.points(LONGEST_S), stopped)[: 2 if steps else 1]:
         path = quintics(points).at(MAX_STEP_S * np.arange(steps))[0]
         assert np.abs(path - motion.positions[:steps]).max(initial=0.0) < 1e-8
         assert max(largest(points)) <= 1.0 + 1e-3
         assert points.velocities is not None and not points.velocities[-1].any()  # noqa: PT018
         assert points.accelerations is not None and not points.accelerations[-1].any()  # noqa: PT018
     stopping = LIMITS.velocity / LIMITS.acceleration + LIMITS.acceleration / LIMITS.jerk
-    assert left.duration <= time + 2.5 * stopping.max()
+    assert stopped.duration <= time + 2.5 * stopping.max()
 
 
 def test_stop_in_the_past_is_rejected() -> None:
@@ -71,18 +71,21 @@ def test_stop_in_the_past_is_rejected() -> None:
 
 
 @pytest.mark.invariant(9)
-def test_inv9_look_can_interrupt_every_sample_and_point() -> None:
+def test_inv9_every_sample_and_point_can_be_cancelled() -> None:
     """docs/invariants.md, 9."""
-    looks, left = count(), False
+    calls, cancelled = count(), False
 
-    def look() -> None:
-        if next(looks) and left:
+    def check() -> None:
+        if next(calls) and cancelled:
             raise KeyboardInterrupt
 
-    whole = StoppableMotion(PLAN, LIMITS, look=look)
-    assert next(looks) >= len(whole.motion.times)
-    left = True
-    for work in (lambda: StoppableMotion(PLAN, LIMITS, look=look), lambda: whole.points(0.1)):
+    whole = StoppableMotion(PLAN, LIMITS, checkpoint=check)
+    assert next(calls) >= len(whole.motion.times)
+    cancelled = True
+    for work in (
+        lambda: StoppableMotion(PLAN, LIMITS, checkpoint=check),
+        lambda: whole.points(0.1),
+    ):
         with pytest.raises(KeyboardInterrupt):
             work()
 
@@ -94,7 +97,7 @@ def test_inv7_long_motion_is_rejected_before_and_during_sampling(
     """docs/invariants.md, 7."""
     long = replace(PLAN, times=PLAN.times * 1e6)
     with pytest.raises(ValueError, match=r'point \d+: time_from_start = .* at most 600 s'):
-        StoppableMotion(long, LIMITS, look=lambda: None)
+        StoppableMotion(long, LIMITS, checkpoint=lambda: None)
     with pytest.raises(ValueError, match='100000 points'):
         StoppableMotion(PLAN, LIMITS).points(1e-6)
     monkeypatch.setattr(stoppable, 'MAX_DURATION_S', PLAN.duration)

@@ -189,14 +189,14 @@ def check(oracle, start, end, trajectory, off):
 
     `off` returns the distances of positions from the path, shape (k,).
     """
-    looks = between(trajectory, start, 8)
-    places = np.array([oracle.pose(joints).translation for joints in looks])
+    samples = between(trajectory, start, 8)
+    places = np.array([oracle.pose(joints).translation for joints in samples])
     away = off(places).max()
     assert away < NOT_FARTHER_M
-    assert np.abs(oracle.pose(looks[-1]).homogeneous - end).max() < 1e-7
-    assert np.abs(np.diff(looks, axis=0)).max() < 0.3
-    assert (looks > oracle.limits.position_min - 1e-6).all()
-    assert (looks < oracle.limits.position_max + 1e-6).all()
+    assert np.abs(oracle.pose(samples[-1]).homogeneous - end).max() < 1e-7
+    assert np.abs(np.diff(samples, axis=0)).max() < 0.3
+    assert (samples > oracle.limits.position_min - 1e-6).all()
+    assert (samples < oracle.limits.position_max + 1e-6).all()
     return away
 
 

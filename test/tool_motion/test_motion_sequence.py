@@ -171,18 +171,20 @@ KINDS = {
 @pytest.mark.parametrize('kind', KINDS)
 def test_inv9_planning_can_be_cancelled_at_every_sample(kind):
     """docs/invariants.md, 9."""
-    looks = []
-    points = plan_sequence(ARM, READY, KINDS[kind](), look=lambda: looks.append(0)).trajectory
-    assert len(looks) >= 2 * len(points.times)
-    for last in (0, 20, len(looks) - 1):
+    calls = []
+    points = plan_sequence(
+        ARM, READY, KINDS[kind](), checkpoint=lambda: calls.append(0)
+    ).trajectory
+    assert len(calls) >= 2 * len(points.times)
+    for last in (0, 20, len(calls) - 1):
         counted = count(1)
 
-        def look(last=last, counted=counted):
+        def checkpoint(last=last, counted=counted):
             if next(counted) > last:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            plan_sequence(ARM, READY, KINDS[kind](), look=look)
+            plan_sequence(ARM, READY, KINDS[kind](), checkpoint=checkpoint)
 
 
 @pytest.mark.invariant(7)
@@ -241,10 +243,10 @@ def test_blended_line_has_its_velocity_and_ends_at_its_corner():
     planned = plan_sequence(ARM, READY, lines)
     motion = smoothed(planned.trajectory, LIMITS)
     places = np.array([ARM.forward(row)[:3, 3] for row in motion.positions])
-    seen = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
+    measured = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
     for index, (start, end) in enumerate(pairwise([0.0, *planned.ends])):
         during = (motion.times[1:] > start + 0.02) & (motion.times[1:] < end - 0.02)
-        assert seen[during].max() == pytest.approx(speeds[index], rel=0.05)
+        assert measured[during].max() == pytest.approx(speeds[index], rel=0.05)
         fraction = (start + end) / 2.0 / planned.trajectory.duration
         assert planned.index(fraction) == index
     for end, line, radius in zip(planned.ends[:-1], lines, RADII, strict=False):

@@ -18,7 +18,7 @@ from epson_driver.tool_motion.curve_motion import (
     check_range,
     go_along,
     joint_use,
-    kept,
+    reduced,
 )
 
 _KINDS = 'velocity', 'acceleration', 'jerk'
@@ -108,14 +108,14 @@ class Arch:
 
     def _overlapping(self, low_power: bool) -> list[Part]:
         rise, span, *falls = self._legs
-        shared = span.curve.most[0] > STATIONARY
+        shared = span.curve.derivative_bounds[0] > STATIONARY
         limits = self._limits
         if low_power:
             limits = changed(limits, lambda _, limit: LOW_POWER * limit)
         half = changed(limits, lambda _, limit: np.where(shared, limit / 2.0, limit))
         span_limits, speed = span.limits_and_speed(low_power, ACROSS)
         vertical = [(leg.curve, leg.limits_and_speed(low_power, UP)[1]) for leg in (rise, *falls)]
-        uses = [joint_use(curve, *kept(half, curve, speed)) for curve, speed in vertical]
+        uses = [joint_use(curve, *reduced(half, curve, speed)) for curve, speed in vertical]
         used = dict(zip(_KINDS, np.max(uses, axis=0), strict=True))
         rest = changed(
             limits,
