@@ -12,12 +12,16 @@ if TYPE_CHECKING:
         ArgumentError,
         EpsonPoint,
         GripperWiring,
+        Motion,
         MotionError,
         PathError,
         Recording,
         Robot,
         RobotError,
+        RobotStatus,
+        Sample,
         Settings,
+        TaughtPoints,
         Waypoint,
     )
 
@@ -25,12 +29,16 @@ __all__ = [
     'ArgumentError',
     'EpsonPoint',
     'GripperWiring',
+    'Motion',
     'MotionError',
     'PathError',
     'Recording',
     'Robot',
     'RobotError',
+    'RobotStatus',
+    'Sample',
     'Settings',
+    'TaughtPoints',
     'Waypoint',
 ]
 

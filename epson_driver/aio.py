@@ -69,8 +69,8 @@ class Robot(Motions, Streams):
     address, the profile and the model. controller, model: names from config/controllers and
     config/robots (default: simulated and c3_a601s), or paths to files. Ports default to those of
     the controller's profile. An `io_port` or `remote_port` of 0 is not used.
-    enable: whether `connect` also enables the arm. Raises ValueError if an argument or a file is
-    invalid, FileNotFoundError if a file does not exist.
+    enable: whether `connect` also enables the arm. Raises ArgumentError if an argument or a file
+    is invalid.
     """
 
     @checked_arguments

@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from epson_driver.inputs import InputError, count, printable, read_yaml, shown
-from epson_driver.share import share_file
+from epson_driver.inputs import InputError, count, near_names, printable, read_yaml, shown
+from epson_driver.share import share_path
 
 NO_ERROR = 0
 NO_TEXTS = 'none'
@@ -67,14 +67,16 @@ class ErrorTexts(Mapping[int, ErrorText]):
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
     """Load config/errors/NAME.yaml, or an empty table for 'none'.
 
-    Raises FileNotFoundError, which lists the available files, if there is no such file, and
-    InputError if the file is invalid.
+    Raises InputError if there is no such file, in which case it lists the names, or if the file is
+    invalid.
     """
     if name == NO_TEXTS:
         return ErrorTexts({})
-    if Path(name).name != name:
-        raise FileNotFoundError(f'{name!r} is not the name of a file of config/errors')
-    return read_error_texts(share_file('config', 'errors', f'{name}.yaml'))
+    known = {path.stem: path for path in share_path('config', 'errors').glob('*.yaml')}
+    if name not in known:
+        names = near_names(name, [*sorted(known), NO_TEXTS])
+        raise InputError(f'no error texts {printable(name)}: must be {", ".join(names)}')
+    return read_error_texts(known[name])
 
 
 def read_error_texts(path: Path) -> ErrorTexts:

@@ -37,7 +37,7 @@ from epson_driver.api.synchronous import (
     waits,
 )
 from epson_driver.api.threads import Session
-from epson_driver.taught_points import EpsonPoint
+from epson_driver.taught_points import EpsonPoint, TaughtPoints
 
 __all__ = [
     'ArgumentError',
@@ -57,6 +57,7 @@ __all__ = [
     'RobotStatus',
     'Sample',
     'Settings',
+    'TaughtPoints',
     'Waypoint',
 ]
 
@@ -68,8 +69,8 @@ class Robot(Synchronous[aio.Robot]):
     address, the profile and the model. controller, model: names from config/controllers and
     config/robots (default: simulated and c3_a601s), or paths to files. Ports default to those of
     the controller's profile. An `io_port` or `remote_port` of 0 is not used.
-    enable: whether `connect` also enables the arm. Raises ValueError if an argument or a file is
-    invalid, FileNotFoundError if a file does not exist.
+    enable: whether `connect` also enables the arm. Raises ArgumentError if an argument or a file
+    is invalid.
     """
 
     @makes(aio.Robot)

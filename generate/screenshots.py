@@ -26,7 +26,7 @@ from rich.text import Text
 from epson_driver import Robot, Settings
 from epson_driver.motion import Trajectory
 from epson_driver.processes import processes
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory, write_trajectory
 
 ROOT = Path(__file__).parents[1]
@@ -77,7 +77,7 @@ def save(page: Any, name: str) -> None:
 
 def panel() -> None:
     """Take the panel at rest, while the arm follows a plan, in E-stop, and with two robots."""
-    plan = read_trajectory(share_file('config', 'trajectories', 'around_pillar_11_points.yaml'))
+    plan = read_trajectory(share_path('config', 'trajectories', 'around_pillar_11_points.yaml'))
     slow = Trajectory(plan.joint_names, plan.times * SLOWER, plan.positions)
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
         folder = Path(name)

@@ -18,14 +18,14 @@ from launch.actions import (
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
 from epson_driver.bringup import fleet_robots, launch_arguments
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 SHARED = ('use_sim_controller', 'sim_motion', 'use_sim_time', 'description')
 
 
 def generate_launch_description():
     """Return the arguments, and the robots in the file."""
-    example = str(share_file('config', 'fleet.yaml'))
+    example = str(share_path('config', 'fleet.yaml'))
     arguments = launch_arguments('params_file', 'robots', *SHARED, params_file=example)
     return LaunchDescription(
         [

@@ -26,7 +26,7 @@ from epson_driver.bringup import (
     rviz_parameters,
     semantic_description,
 )
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 
 def generate_launch_description():
@@ -76,7 +76,7 @@ def moveit(context: LaunchContext):
         ),
     ]
     if values['launch_rviz'] == 'true':
-        config = values['rviz_config'] or str(share_file('config', 'rviz', 'moveit.rviz'))
+        config = values['rviz_config'] or str(share_path('config', 'rviz', 'moveit.rviz'))
         nodes.append(
             Node(
                 package='rviz2',

@@ -32,7 +32,7 @@ from epson_driver.bringup import (
     launch_arguments,
     misspelled_arguments,
 )
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 RESPAWN_DELAY_S = 2.0
 """Delay before the client is restarted after its end, s."""
@@ -105,7 +105,7 @@ def ros2_control(values: dict[str, str]):
     The manager gets no node name: with one, its parameters would not reach its controllers. The
     controller waits for the first joint state: active before, it would hold NaN, and warn.
     """
-    file = str(share_file('config', 'ros2_control', 'controllers.yaml'))
+    file = str(share_path('config', 'ros2_control', 'controllers.yaml'))
     own = controllers_parameters(effective(values)['robot_model'], values['tf_prefix'])
     spawner = Node(
         package='controller_manager',

@@ -7,7 +7,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 from epson_driver.bringup import launch_arguments
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 
 def generate_launch_description():
@@ -24,7 +24,7 @@ def generate_launch_description():
 def rviz(context: LaunchContext):
     """Return RViz. Its topics are relative, so its namespace selects the robot."""
     values = context.launch_configurations
-    config = values['rviz_config'] or str(share_file('config', 'rviz', 'robot.rviz'))
+    config = values['rviz_config'] or str(share_path('config', 'rviz', 'robot.rviz'))
     return [
         Node(
             package='rviz2',

@@ -13,7 +13,8 @@ import pytest
 from support.pages import items
 
 from epson_driver.error_texts import ErrorText, ErrorTexts, load_error_texts, read_error_texts
-from epson_driver.share import share_file
+from epson_driver.inputs import InputError
+from epson_driver.share import share_path
 from epson_driver.sim_controller.remote.status_words import FLAGS
 
 ROOT = Path(__file__).parents[1]
@@ -133,7 +134,7 @@ def test_documented_flags_equal_the_code():
 
 EPSON = load_error_texts('epson')
 
-FILE = share_file('config', 'errors', 'epson.yaml')
+FILE = share_path('config', 'errors', 'epson.yaml')
 
 SOURCES = set(re.findall(r'^#   ([\w-]+)  ', FILE.read_text('utf-8'), re.MULTILINE))
 
@@ -172,7 +173,7 @@ def test_table_none_has_no_texts():
 
 @pytest.mark.parametrize('name', ['nonsense', '../robots/c3_a601s', ''])
 def test_missing_table_is_an_error(name):
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(InputError, match=r'must be .*epson'):
         load_error_texts(name)
 
 

@@ -11,13 +11,13 @@ from epson_driver.inputs import InputError
 from epson_driver.motion import problems
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.model import SCARA, SIX_AXIS
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import (
     read_trajectory,
     write_trajectory,
 )
 
-FOLDER = share_file('config', 'trajectories', 'around_pillar_11_points.yaml').parent
+FOLDER = share_path('config', 'trajectories', 'around_pillar_11_points.yaml').parent
 FILES = sorted(FOLDER.glob('*.yaml'))
 MODELS = [load_robot_model(name) for name in robot_models()]
 

@@ -100,7 +100,7 @@ class Arm(Unique):
         return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments
-    def pose_in(self, frame: str) -> Array:
+    def pose_in(self, frame: str) -> 'Array':
         """Return the pose of the tool in a frame: homogeneous matrix, shape (4, 4), m.
 
         Raises ArgumentError if the frame is unknown, and RobotError like `joints`.
@@ -117,7 +117,7 @@ class Arm(Unique):
     @checked_arguments
     def set_tool(
         self,
-        pose: Pose,
+        pose: 'Pose',
         *,
         max_speed: float | None = None,
         max_acceleration: float | None = None,
@@ -136,8 +136,8 @@ class Arm(Unique):
     def set_payload(
         self,
         mass: float,
-        center: npt.ArrayLike = (0.0, 0.0, 0.0),
-        inertia: npt.ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        center: 'npt.ArrayLike' = (0.0, 0.0, 0.0),
+        inertia: 'npt.ArrayLike' = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     ) -> None:
         """Set the payload (tool and part) that is sent to the controller from the next motion on.
 
@@ -150,7 +150,7 @@ class Arm(Unique):
         self._connection.set_load(_load(self.model, mass, center, inertia))
 
     @checked_arguments
-    def forward(self, joints: npt.ArrayLike) -> Array:
+    def forward(self, joints: 'npt.ArrayLike') -> 'Array':
         """Return the pose of the tool in base_link for joint positions, shape (n,), rad (m).
 
         The pose is a homogeneous matrix, shape (4, 4), m. Raises ArgumentError if the joint
@@ -161,8 +161,8 @@ class Arm(Unique):
 
     @checked_arguments
     def inverse(
-        self, pose: Pose, *, frame: str | None = None, near: npt.ArrayLike | None = None
-    ) -> Array:
+        self, pose: 'Pose', *, frame: str | None = None, near: 'npt.ArrayLike | None' = None
+    ) -> 'Array':
         """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
 
         pose, frame: see `move_line`. near: joint positions, shape (n,), to which the solution is
@@ -191,7 +191,7 @@ class Arm(Unique):
         return self._frames.poses
 
     @checked_arguments
-    def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
+    def set_frame(self, name: str, pose: 'Pose', *, parent: str | None = None) -> None:
         """Set a named frame by its pose in another frame, in any form accepted by `move_line`.
 
         parent: the other frame, like `frame` of `move_line`, but not 'tool'. A later change of the

@@ -27,7 +27,7 @@ class Motions(Arm):
     @checked_arguments
     async def move_joints(
         self,
-        target: Pose,
+        target: 'Pose',
         *,
         speed: float = 0.2,
         acceleration: float = 0.5,
@@ -62,7 +62,7 @@ class Motions(Arm):
     @checked_arguments
     async def move_waypoints(
         self,
-        points: npt.ArrayLike,
+        points: 'npt.ArrayLike',
         *,
         speed: float = 0.2,
         acceleration: float = 0.5,
@@ -95,9 +95,9 @@ class Motions(Arm):
     @checked_arguments
     async def move_trajectory(
         self,
-        times: npt.ArrayLike,
-        positions: npt.ArrayLike,
-        velocities: npt.ArrayLike | None = None,
+        times: 'npt.ArrayLike',
+        positions: 'npt.ArrayLike',
+        velocities: 'npt.ArrayLike | None' = None,
         *,
         joint_names: Sequence[str] | None = None,
         wait: bool = True,
@@ -154,7 +154,7 @@ class Motions(Arm):
     @checked_arguments
     async def move_line(
         self,
-        pose: Pose,
+        pose: 'Pose',
         *,
         frame: str | None = None,
         speed: float = 0.1,
@@ -193,8 +193,8 @@ class Motions(Arm):
     @checked_arguments
     async def move_arc(
         self,
-        via: npt.ArrayLike,
-        pose: Pose,
+        via: 'npt.ArrayLike',
+        pose: 'Pose',
         *,
         frame: str | None = None,
         speed: float = 0.1,
@@ -221,7 +221,7 @@ class Motions(Arm):
     @checked_arguments
     async def move_path(
         self,
-        points: Sequence[Waypoint | Pose],
+        points: 'Sequence[Waypoint | Pose]',
         *,
         blend: float = 0.0,
         frame: str | None = None,

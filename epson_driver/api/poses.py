@@ -42,8 +42,8 @@ class Waypoint:
     pose. frame: the frame of pose and via. A blend or frame of None is that of `move_path`.
     """
 
-    pose: Pose
-    via: npt.ArrayLike | None = None
+    pose: 'Pose'
+    via: 'npt.ArrayLike | None' = None
     blend: float | None = None
     frame: str | None = None
 

@@ -39,7 +39,7 @@ class Streams(Arm):
     """Methods that send setpoint streams. Robot inherits all of them."""
 
     @checked_arguments
-    def servo(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None = None) -> None:
+    def servo(self, target: 'npt.ArrayLike', velocities: 'npt.ArrayLike | None' = None) -> None:
         """Send a setpoint of a stream: joint positions, shape (n,), rad (m).
 
         Call it 10 to 500 times a second. velocities: joint velocities at these positions, shape
@@ -60,7 +60,7 @@ class Streams(Arm):
             self._take(servo, joints, values)
 
     @checked_arguments
-    def servo_velocity(self, velocities: npt.ArrayLike) -> None:
+    def servo_velocity(self, velocities: 'npt.ArrayLike') -> None:
         """Send a setpoint like `servo`: joint velocities, shape (n,), rad/s (m/s)."""
         with self._received() as servo:
             values = joint_rows('velocities', velocities, self.model.limits, rows=False)
@@ -68,7 +68,7 @@ class Streams(Arm):
             self._take(servo, velocities=values)
 
     @checked_arguments
-    def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
+    def servo_pose(self, pose: 'Pose', *, frame: str | None = None) -> None:
         """Send a setpoint like `servo`: a pose of the tool, in any form that `move_line` accepts.
 
         The arm uses the configuration nearest to the current one. Raises PathError if the pose is
@@ -92,7 +92,7 @@ class Streams(Arm):
             self._take(servo, result[0])
 
     @checked_arguments
-    def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = BASE_LINK) -> None:
+    def servo_speed(self, velocity: 'npt.ArrayLike', *, frame: str = BASE_LINK) -> None:
         """Send a setpoint like `servo`: a velocity of the tool, shape (6,).
 
         velocity: along x y z, m/s, and about x y z, rad/s. frame: axes of the velocity,

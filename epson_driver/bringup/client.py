@@ -51,9 +51,8 @@ SIM_REMOTE_PORT = '5000'
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     """Return the client's parameters that the launch arguments set.
 
-    The client takes other parameters from params_file. Raises FileNotFoundError or InputError if
-    the model cannot be read, InputError if an address, prefix or port is invalid, and the
-    exceptions of `file_parameters`.
+    The client takes other parameters from params_file. Raises InputError if the model cannot be
+    read, or an address, prefix or port is invalid, and the exceptions of `file_parameters`.
     """
     values = _with_robot(values)
     prefix = values['tf_prefix']
@@ -102,8 +101,7 @@ def controller_arguments(values: Mapping[str, str]) -> list[str]:
     """Return the command-line arguments of the simulated controller for a client.
 
     They contain no `--motion` if the profile has a SPEL+ program, which determines the motion.
-    Raises FileNotFoundError if the profile does not exist, InputError if it is invalid, and the
-    exceptions of `file_parameters`.
+    Raises InputError if the profile cannot be read, and the exceptions of `file_parameters`.
     """
     values = effective(values)
     arguments = ['--robot', values['robot_model']]

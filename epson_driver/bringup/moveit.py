@@ -14,7 +14,7 @@ from epson_driver.bringup.description import robot_description, semantic_descrip
 from epson_driver.inputs import MEGABYTE, read_file, read_yaml, write_file
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.robots.kinematics import singularity_thresholds
-from epson_driver.share import share_file, share_folder
+from epson_driver.share import share_path
 
 JOINTS_OF_A_FREE_TOOL = 6
 """Minimum number of joints for any tool orientation. With fewer, KDL solves for position only."""
@@ -128,10 +128,10 @@ def write_moveit_package(name: str, folder: Path) -> list[Path]:
     folder.mkdir(parents=True)
     config = folder / 'config'
     config.mkdir()
-    for file in share_folder('config', 'moveit').glob('*.yaml'):
+    for file in share_path('config', 'moveit').glob('*.yaml'):
         if not file.name.startswith(('kinematics', 'joint_limits')):
             write_file(config / file.name, read_file(file, MEGABYTE))
-    kinematics = share_file('config', 'moveit', _kinematics(model))
+    kinematics = share_path('config', 'moveit', _kinematics(model))
     write_file(config / 'kinematics.yaml', read_file(kinematics, MEGABYTE))
     if not _free_tool(model):
         write_file(config / 'ompl_planning.yaml', _text(_planner('ompl', model)))
@@ -180,6 +180,6 @@ def _text(values: dict[str, Any]) -> str:
 
 
 def _load(*parts: str) -> dict[str, Any]:
-    path = share_file('config', 'moveit', *parts)
+    path = share_path('config', 'moveit', *parts)
     values: dict[str, Any] = read_yaml(path)
     return values

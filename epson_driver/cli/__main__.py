@@ -15,7 +15,7 @@ from epson_driver.processes.interrupt import (
     leave_at_interrupt,
     raise_at_interrupt,
 )
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 """Message packages without a binary release. They are built from interfaces/."""
@@ -50,12 +50,14 @@ def main() -> int:
 
 def version() -> str:
     """Return the version of this package, from its package.xml."""
-    package = ElementTree.parse(share_file('package.xml'))  # noqa: S314 - our own file
+    package = ElementTree.parse(share_path('package.xml'))  # noqa: S314 - our own file
     return str(package.findtext('version'))
 
 
 def _run() -> int:
     name = sys.argv[1] if len(sys.argv) > 1 else ''
+    if name.replace('-', '_') in EXECUTABLES:
+        name = name.replace('-', '_')
     if name == '--version':
         print(f'epson_driver {version()}')
         return 0
@@ -68,7 +70,7 @@ def _run() -> int:
     del sys.argv[1]
     ready = False
     try:
-        executable = import_module(f'epson_driver.cli.{name.replace("-", "_")}')
+        executable = import_module(f'epson_driver.cli.{name}')
         ready = True
         raise_at_interrupt()
         result: int = executable.main()

@@ -67,7 +67,7 @@ def main() -> int:
     file = printable(arguments.file)
     print(f'written: {file}, {model} with the profile {seen.profile}. Next:')
     print(f'  epson_driver doctor {file}')
-    print(f'  epson_driver first-run {file}')
+    print(f'  epson_driver first_run {file}')
     print(f"  Robot('{file}') in Python, robot:={file} for the launch files of ROS")
     return 0
 
@@ -77,7 +77,7 @@ def _asked_model() -> str:
     while sys.stdin.isatty():
         try:
             return model_name(input('Robot model, as on its plate, such as T6-602S: '))
-        except FileNotFoundError as error:
+        except InputError as error:
             print(error)
         except EOFError:
             break

@@ -26,11 +26,11 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.report.run import RunError as ReportError
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.robots.model import SCARA, SIX_AXIS
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
-TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
-TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
+TRAJECTORY = share_path('config', 'trajectories', 'around_pillar_11_points.yaml')
+TRAJECTORY_OF_SCARAS = share_path('config', 'trajectories', 'scara_pick_and_place.yaml')
 """Default trajectories: the first for six-axis arms, the second for SCARAs."""
 
 NATIVE = 'simulated'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver first-run ADDRESS`: guides an operator through the first run of a real robot."""
+"""`epson_driver first_run ADDRESS`: guides an operator through the first run of a real robot."""
 
 import argparse
 import asyncio
@@ -136,14 +136,14 @@ def _versions() -> dict[str, str]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='epson_driver first-run',
+        prog='epson_driver first_run',
         **help_texts(
             'Check a real robot step by step on its first day: listen, compare, then move slowly. '
             'Each step is explained and needs confirmation. Run the same command again to '
             'continue. Keep a hand on the E-stop. No person may be in the cell.',
             (
-                'first-run robot.yaml',
-                'first-run 192.168.0.1 --controller spel --robot t6_602s --file cell_3.html',
+                'first_run robot.yaml',
+                'first_run 192.168.0.1 --controller spel --robot t6_602s --file cell_3.html',
             ),
             '0 all steps done, 1 some steps remain or failed, 2 invalid arguments, 130 Ctrl-C',
         ),

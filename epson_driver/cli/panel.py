@@ -17,7 +17,7 @@ from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL, missing
 from epson_driver.panel.access import is_loopback
 from epson_driver.processes.interrupt import ending_signals
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 PORT = 8080
@@ -67,7 +67,7 @@ def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
 
     Raises InputError or OSError if a file is unusable.
     """
-    paths = files or sorted(share_folder('config', 'trajectories').glob('*.yaml'))
+    paths = files or sorted(share_path('config', 'trajectories').glob('*.yaml'))
     return {path.stem: read_trajectory(path) for path in paths}
 
 

@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr
 from epson_driver.cli.problem_formats import FOUND, path_from_here, placed
 from epson_driver.inputs import InputError, printable, write_file
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 from epson_driver.sim_controller import spel_run
 from epson_driver.sim_controller.assembly import robot_defines
 from epson_driver.sim_controller.spel_run import Bench, TestResult, covered, run_tests
@@ -176,7 +176,7 @@ def export(arguments: argparse.Namespace) -> int:
         rule = 'the name of a project must be 1 to 24 letters, digits, - and _'
         raise InputError(f'{printable(folder)}: {rule}')
     version = CONTROLLERS[arguments.controller]
-    files = read_project(share_folder('controller_program'))
+    files = read_project(share_path('controller_program'))
     defines = robot_defines(files, load_robot_model(arguments.robot))
     defines['OWN_ADDRESS'] = f'"{arguments.address}"'
     if version == 6:

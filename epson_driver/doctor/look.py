@@ -20,6 +20,7 @@ from epson_driver.doctor.listening import (
 )
 from epson_driver.doctor.port_checks import has_joints
 from epson_driver.doctor.state_facts import state_facts
+from epson_driver.inputs import InputError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.answers import ask_identity
 from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
@@ -112,7 +113,7 @@ async def _ask_remote(look: Look, password: str) -> str | None:
     look.answers[port] = f'Remote Ethernet: {", ".join(filter(None, (controller, robot)))}'
     try:
         look.model = model_name(robot) if robot else ''
-    except FileNotFoundError:
+    except InputError:
         look.answers[port] += ', a model that is not known'
     return controller if simulated else ''
 

@@ -177,7 +177,7 @@ def likeness(book: FirstRunRecord) -> ReplicaSettings:
         write_file(path, text)
         try:
             profile = load_controller_profile(str(path))
-        except (InputError, FileNotFoundError) as error:
+        except InputError as error:
             raise InputError(f'{book.name}: {error}'.replace(f'{path}: ', '')) from error
     replies = float(facts.get('reply delay', 0.0))
     late = {'motion': replies, 'state': _state_delay(book, profile, replies, stops)}

@@ -52,7 +52,7 @@ async def _go_through(
             run.findings.note(step.name, habit)
         if entry.state == FAILED:
             run.findings.wrong(
-                step.name, entry.why, 'run first-run again: completed steps are saved'
+                step.name, entry.why, 'run first_run again: completed steps are saved'
             )
         book.save(path)
     return True

@@ -5,8 +5,7 @@
 import ipaddress
 import math
 import re
-import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from reprlib import Repr
@@ -34,6 +33,12 @@ def near_name(name: str, known: Iterable[str]) -> str | None:
     plain = {_plain(item): item for item in known}
     near = get_close_matches(_plain(name), plain, 1, MIN_LIKENESS)
     return plain[near[0]] if near else None
+
+
+def near_names(name: str, known: Sequence[str]) -> list[str]:
+    """Return all known names, those most similar to `name` first."""
+    near = get_close_matches(name.lower(), known, len(known), 0.5)
+    return [*near, *(item for item in known if item not in near)]
 
 
 def _plain(name: str) -> str:
@@ -216,19 +221,14 @@ def _host(value: Any) -> str:
     labels = name.removesuffix('.').split('.')
     if len(name) > MAX_HOST_CHARACTERS or not all(map(_LABEL.fullmatch, labels)):
         raise ValueError
-    if labels[
-        -1
-    ].isdecimal():  # no host name ends in a number: it is an IPv4 address, or a mistake
-        try:
-            socket.inet_aton(value)
-        except OSError:
-            raise ValueError from None
+    if labels[-1].isdecimal():  # no host name ends in a number
+        ipaddress.IPv4Address(value)  # no leading zeros, which the resolver reads as octal
     return value
 
 
 HOST = Rule(
     _host,
-    'must be an IP address or the name of a host: parts of 1 to 63 letters, digits and hyphens '
-    'with dots between them',
+    'must be an IP address without leading zeros, or the name of a host: parts of 1 to 63 '
+    'letters, digits and hyphens with dots between them',
 )
 """Syntax only: whether such a host exists is not checked."""

@@ -166,7 +166,7 @@ def _make_clients(nodes: Sequence[Node], clients: list[Client], make: Make) -> b
     for node in nodes:
         try:
             clients.append(make(node))
-        except (ValueError, FileNotFoundError, ParameterException) as error:
+        except (ValueError, ParameterException) as error:
             name = f'{node.get_fully_qualified_name()}: ' if len(nodes) > 1 else ''
             node.get_logger().fatal(printable(f'{name}{error}'))
     return len(clients) == len(nodes)

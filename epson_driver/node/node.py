@@ -144,7 +144,7 @@ def _process(guid: bytes) -> int:
 class ClientNode:
     """Connects an rclpy node with a driver. Must be created in the driver's event loop.
 
-    Raises ValueError or FileNotFoundError for invalid parameters.
+    Raises ValueError for invalid parameters.
     """
 
     def __init__(self, node: Node) -> None:

@@ -257,7 +257,7 @@ class SentMotion:
 class SmoothGoals:
     """Connects an rclpy node with the downstream driver. Must be created in the event loop.
 
-    Raises ValueError or FileNotFoundError for invalid parameters.
+    Raises ValueError for invalid parameters.
     """
 
     def __init__(self, node: Node) -> None:

@@ -89,7 +89,7 @@ EXECUTABLES = {
     'smooth_goals': 'smooth FollowJointTrajectory goals for any driver',
     'exercise': 'run your program against the simulated controller, once per fault',
     'doctor': 'find errors from this machine to the controller, and their remedies',
-    'first-run': 'check a real robot step by step on its first day',
+    'first_run': 'check a real robot step by step on its first day',
     'report': 'report on a run, from a trace or a bag, as one HTML page',
     'robots': 'list the robot models, with their numbers and sources',
     'spel': 'check and test EPSON programs (SPEL+) without a robot',

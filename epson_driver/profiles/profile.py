@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from epson_driver.inputs import InputError, printable, read_yaml, shown
+from epson_driver.inputs import InputError, near_names, printable, read_yaml, shown
 from epson_driver.profiles.io_profile import IoProfile, read_io_profile
 from epson_driver.profiles.profile_rules import (
     LOOK_AHEAD_S,
@@ -21,7 +21,7 @@ from epson_driver.profiles.profile_rules import (
     FieldsUsed,
     checked,
 )
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.simple_message import ByteOrder, Mode
 
 __all__ = [
@@ -261,8 +261,8 @@ def load_controller_profile(name: str) -> ControllerProfile:
     EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted.
 
     A profile with `like: OTHER` contains only its differences from OTHER, which is a profile name
-    or a .yaml file in the same folder. Raises FileNotFoundError, which lists the available
-    profiles, if a profile does not exist, and InputError if one is invalid.
+    or a .yaml file in the same folder. Raises InputError, which lists the profiles, similar names
+    first, if a profile does not exist, or if one is invalid.
     """
     path = _path(name, Path())
     values = checked(_read(path), printable(path))
@@ -294,7 +294,11 @@ def _path(name: str, folder: Path) -> Path:
             new,
         )
         plain = new
-    return share_file('config', 'controllers', plain + '.yaml')
+    known = {path.stem: path for path in share_path('config', 'controllers').glob('*.yaml')}
+    if plain not in known:
+        names = near_names(name, sorted({*known, *ALIKE}))
+        raise InputError(f'no controller profile {printable(name)}: must be {", ".join(names)}')
+    return known[plain]
 
 
 def _read(path: Path) -> dict[str, Any]:

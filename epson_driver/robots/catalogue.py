@@ -14,13 +14,29 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from epson_driver.inputs import InputError, printable, read_yaml, shown, yaml_line
-from epson_driver.share import share_file, share_folder
+from epson_driver.share import share_path
 
 MAX_NAMES = 6
 """Maximum number of similar names in the error for an unknown name."""
 
 ALIKE = 0.4
 """Minimum similarity of these names, 0 … 1, as defined by difflib."""
+
+
+SOLD_AS = {
+    'c4': ['c4_a601s'],
+    'c4l': ['c4_a901s'],
+    'c8xl': ['c8_a1401s', 'c8_c1401s'],
+    'c8l': ['c8_a901s', 'c8_c901s'],
+    'c12xl': ['c12_a1401s', 'c12_c1401s'],
+    'ls3': ['ls3_401s'],
+    's5': ['s5_a701s'],
+    's5l': ['s5_a901s'],
+    't3': ['t3_401s'],
+    't6': ['t6_602s'],
+    'vt6l': ['vt6_a901s'],
+}
+"""Models by the name under which they are sold, without generation and mounting."""
 
 
 class Layer(NamedTuple):
@@ -40,8 +56,9 @@ def model_name(name: str) -> str:
     """Return the name of a model in config/robots/, or the path of a .yaml file unchanged.
 
     EPSON's spelling C4-A601S is accepted, also without the hyphen or without the S of the standard
-    form, and an abbreviation that matches only one model. Raises FileNotFoundError, which suggests
-    similar names, or lists the missing data of an EPSON arm without a model.
+    form, an abbreviation that matches only one model, and the name under which an arm is sold.
+    Raises InputError, which suggests similar names, or lists the missing data of an EPSON arm
+    without a model.
     """
     if name.endswith('.yaml'):
         return name
@@ -50,14 +67,16 @@ def model_name(name: str) -> str:
         return name
     models = {_plain(item): item for item in listed}
     wanted = _plain(name)
-    start = [element for plain, element in models.items() if wanted and plain.startswith(wanted)]
+    start = SOLD_AS.get(wanted) or [
+        element for plain, element in models.items() if wanted and plain.startswith(wanted)
+    ]
     if wanted in models or wanted + 's' in models:
         return models.get(wanted) or models[wanted + 's']
     if len(start) == 1:
         return start[0]
     alike = [models[match] for match in get_close_matches(wanted, models, MAX_NAMES, ALIKE)]
     series = [model for model in models.values() if wanted.startswith(model.partition('_')[0])]
-    raise FileNotFoundError(
+    raise InputError(
         f'no robot model {printable(name)}{_unknown(wanted) or _near(start or alike or series)}; '
         f'`epson_driver robots` lists all {len(models)}'
     )
@@ -76,7 +95,7 @@ def layers(name: str) -> list[Layer]:
         if isinstance(like, str) and not like.endswith('.yaml'):
             try:
                 return [*layers(like), own]
-            except FileNotFoundError as error:
+            except InputError as error:
                 why = str(error)
         line = yaml_line(path, ('like',))
         raise InputError(f'{printable(path)}, line {line}: like = {shown(like)}: {why}')
@@ -88,7 +107,7 @@ def layers(name: str) -> list[Layer]:
 
 
 def _series_files() -> list[Path]:
-    return sorted(share_folder('config', 'robots').glob('*.yaml'))
+    return sorted(share_path('config', 'robots').glob('*.yaml'))
 
 
 def _rows(path: Path) -> dict[str, Layer]:
@@ -128,7 +147,7 @@ def _near(models: list[str]) -> str:
 
 def _unknown(wanted: str) -> str:
     """Return a clause about the unpublished data of an EPSON arm without a model, or ''."""
-    unknown = read_yaml(share_file('config', 'unknown_robots.yaml'))
+    unknown = read_yaml(share_path('config', 'unknown_robots.yaml'))
     series = [name for name in unknown if wanted.startswith(_plain(name))]
     if not series:
         return ''

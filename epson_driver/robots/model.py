@@ -164,8 +164,7 @@ class RobotModel:
 def load_robot_model(name: str) -> RobotModel:
     """Read a model of config/robots/, or the file itself if `name` is a path to a .yaml file.
 
-    `model_name` lists the accepted names. Raises FileNotFoundError, with similar names, or
-    InputError.
+    `model_name` lists the accepted names. Raises InputError, with similar names.
     """
     name = model_name(name)
     made_of = layers(name)

@@ -21,7 +21,7 @@ from epson_driver.motion import Array
 from epson_driver.robots.catalogue import layers, model_name
 from epson_driver.robots.chain import Frame
 from epson_driver.robots.model import RobotModel
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 
 
 def cached(made_of: Iterable[bytes], make: Callable[[], str]) -> str:
@@ -66,7 +66,7 @@ def urdf(robot_model: str, **arguments: str) -> str:
     """Return the URDF of a model, with a name as for `load_robot_model`.
 
     `arguments`: arguments of urdf/epson_robot.urdf.xacro. Raises ImportError if xacro is not
-    installed, and FileNotFoundError or InputError if the model does not exist.
+    installed, and InputError if the model does not exist.
     """
     return _described('epson_robot.urdf.xacro', robot_model, arguments)
 
@@ -85,11 +85,11 @@ def _described(xacro_file: str, robot_model: str, arguments: dict[str, str]) -> 
     if named.endswith('.yaml'):
         named = str(Path(named).absolute())
     mappings = {**arguments, 'robot_model': named}
-    sources = [path.read_bytes() for path in sorted(share_folder('urdf').glob('*.xacro'))]
+    sources = [path.read_bytes() for path in sorted(share_path('urdf').glob('*.xacro'))]
     words = json.dumps([xacro_file, mappings], sort_keys=True).encode()
     return cached(
         [words, *files.values(), *sources],
-        lambda: _made(str(share_folder('urdf') / xacro_file), mappings),
+        lambda: _made(str(share_path('urdf') / xacro_file), mappings),
     )
 
 

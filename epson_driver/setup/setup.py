@@ -143,7 +143,7 @@ def make_setup(given: Mapping[str, Any]) -> Setup:
     """Return the setup for values of the settings by name, each already checked.
 
     The controller's profile, the robot model and the table provide the defaults. Raises ValueError
-    if values are incompatible, FileNotFoundError if there is no such profile or model.
+    if values are incompatible, InputError if there is no such profile or model.
     """
     values = {row.name: row.default for row in TABLE} | {**given}
     profile = load_controller_profile(values['controller'])

@@ -13,7 +13,7 @@ from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile, SpelProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import RobotModel
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower, low_power_caps
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
@@ -211,7 +211,7 @@ def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
     The #define lines get the values of `robot_defines` and of the profile's `config`. Raises
     InputError if a value does not fit the project, OSError if a file cannot be read.
     """
-    files = read_project(share_folder(profile.project))
+    files = read_project(share_path(profile.project))
     return with_defines(files, {**robot_defines(files, model), **profile.config})
 
 

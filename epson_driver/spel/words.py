@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from epson_driver.inputs import read_yaml
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 FIRST = (6, 0, 0)
 
@@ -31,7 +31,7 @@ class Word:
         return 'window' in self.uses or self.uses == {'function'}
 
 
-_TABLE: dict[str, Any] = read_yaml(share_file('config', 'spel', 'words.yaml'))
+_TABLE: dict[str, Any] = read_yaml(share_path('config', 'spel', 'words.yaml'))
 _USES = ('window', 'statement', 'function', 'keyword')
 
 

@@ -3,6 +3,7 @@
 """The synchronous API: processes, sockets and threads in real time, and Ctrl-C."""
 
 import asyncio
+import inspect
 import os
 import signal
 import subprocess
@@ -20,7 +21,7 @@ from support.examples import one_in
 from support.sim_process import wait_for
 
 import epson_driver
-from epson_driver import MotionError, Robot, RobotError
+from epson_driver import ArgumentError, MotionError, Robot, RobotError
 
 HOME = [0.0] * 6
 SLOW = 0.02
@@ -395,8 +396,22 @@ def test_invalid_simulation_arguments_are_rejected():
         Robot.simulated(motion='fast')
     with pytest.raises(ValueError, match='start: point 0, joint_1: position 9 rad'):
         Robot.simulated(start=[9.0, 0, 0, 0, 0, 0])
-    with pytest.raises(FileNotFoundError, match='no robot model c99'):
+    with pytest.raises(ArgumentError, match='no robot model c99'):
         Robot.simulated(model='c99')
+
+
+@pytest.mark.parametrize('name', ['rc70', 'RC700B'])
+def test_unknown_controller_error_lists_near_names_first(name):
+    with pytest.raises(ArgumentError, match=f'no controller profile {name}: must be rc700.*abb'):
+        Robot(controller=name)
+
+
+@pytest.mark.parametrize('kind', [Robot, epson_driver.Waypoint])
+def test_signatures_fit_into_a_few_lines_of_help(kind):
+    methods = [kind, *(getattr(kind, name) for name in vars(kind) if not name.startswith('_'))]
+    for signature in (str(inspect.signature(item)) for item in methods if callable(item)):
+        assert 'numpy' not in signature
+        assert len(signature) < 450
 
 
 def test_unknown_name_of_the_package_raises():

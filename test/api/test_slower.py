@@ -11,9 +11,9 @@ from support.examples import quickly
 from support.fault_play import where
 
 from epson_driver.aio import RobotError
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 
-PROFILES = sorted(path.stem for path in share_folder('config', 'controllers').glob('*.yaml'))
+PROFILES = sorted(path.stem for path in share_path('config', 'controllers').glob('*.yaml'))
 TARGET = [0.15, 0.0, 0.0, 0.0, 0.0, 0.0]
 WINDOW_S = 0.1
 REASONS = (

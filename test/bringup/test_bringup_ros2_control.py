@@ -30,14 +30,14 @@ from epson_driver.bringup import (
 from epson_driver.driver.servo.servo import MAX_LAG_S
 from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 VALUES = {argument['name']: argument['default_value'] for argument in launch_arguments(*INTERFACE)}
 VALUES['interface'] = ''
 
 
 def controllers() -> dict[str, Any]:
-    text = share_file('config', 'ros2_control', 'controllers.yaml').read_text('utf-8')
+    text = share_path('config', 'ros2_control', 'controllers.yaml').read_text('utf-8')
     return {
         name.removeprefix('/**/'): section['ros__parameters']
         for name, section in yaml.safe_load(text).items()
@@ -156,7 +156,7 @@ def test_driver_with_streams_is_accepted(given: dict[str, str]) -> None:
 
 
 def test_moveit_servo_publishes_to_the_trajectory_topic() -> None:
-    file = yaml.safe_load(share_file('config', 'moveit', 'servo.yaml').read_text('utf-8'))
+    file = yaml.safe_load(share_path('config', 'moveit', 'servo.yaml').read_text('utf-8'))
     (servo,) = file.values()
     assert servo['command_out_topic'] == 'epson_driver/servo'
     assert servo['command_out_type'] == 'trajectory_msgs/JointTrajectory'

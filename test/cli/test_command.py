@@ -67,6 +67,10 @@ def test_every_executable_is_installed_for_ros2_run() -> None:
     assert scripts == {'executable', *EXECUTABLES}
 
 
+def test_hyphen_in_a_command_is_an_underscore() -> None:
+    assert command('smooth-goals', '--help').stdout == command('smooth_goals', '--help').stdout
+
+
 @pytest.mark.parametrize('package', ['epson_msgs', 'industrial_msgs'])
 def test_missing_messages_are_reported_with_build_command(package: str) -> None:
     run = command('client', before=f'sys.modules["{package}"] = None')

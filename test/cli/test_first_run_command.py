@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver first-run`: arguments, page, exit codes. test/first_run tests the steps."""
+"""`epson_driver first_run`: arguments, page, exit codes. test/first_run tests the steps."""
 
 import os
 import sys
@@ -46,7 +46,7 @@ class Command:
         with os.fdopen(reads) as stdin:
             self._monkeypatch.setattr(sys, 'stdin', stdin)
             words = ['--controller=simulated', *words]
-            self._monkeypatch.setattr(sys, 'argv', ['first-run', *words])
+            self._monkeypatch.setattr(sys, 'argv', ['first_run', *words])
             return first_run.main()
 
 
@@ -142,7 +142,7 @@ def test_address_without_a_controller_is_reported(call, monkeypatch, capsys):
 
 
 def test_missing_address_is_reported(monkeypatch, capsys):
-    monkeypatch.setattr(sys, 'argv', ['first-run'])
+    monkeypatch.setattr(sys, 'argv', ['first_run'])
     with pytest.raises(SystemExit, match='2'):
         first_run.main()
     assert 'a file of connect, is needed' in capsys.readouterr().err

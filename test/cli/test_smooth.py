@@ -13,11 +13,11 @@ from epson_driver.motion.closest_samples import measure, passed
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.smooth_study import column, point_to_point, spline
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
-FILE = share_file('config', 'trajectories', 'around_pillar_fast_100ms.yaml')
-BARE = share_file('config', 'trajectories', 'around_pillar_positions_only.yaml')
+FILE = share_path('config', 'trajectories', 'around_pillar_fast_100ms.yaml')
+BARE = share_path('config', 'trajectories', 'around_pillar_positions_only.yaml')
 LIMITS = load_robot_model('c3_a601s').limits
 PLAN = read_trajectory(FILE)
 

@@ -39,10 +39,10 @@ from epson_driver.report.figures import figures
 from epson_driver.report.measure import Figures, Recording, measure
 from epson_driver.report.run import Plan, Run
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 MODEL = load_robot_model('c3_a601s')
-FILE = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
+FILE = share_path('config', 'trajectories', 'around_pillar_11_points.yaml')
 
 
 def console():

@@ -333,7 +333,7 @@ def test_closed_state_port_is_an_error_with_exit_code_1(tmp_path):
     [
         (('--ask',), 'need the address'),
         (('not a host',), 'must be an IP address'),
-        (('127.0.0.1', '--controller', 'mars'), 'no mars'),
+        (('127.0.0.1', '--controller', 'mars'), 'no controller profile mars'),
         (('127.0.0.1', '--robot', 'mars'), 'no robot model mars'),
         (('127.0.0.1', '--learn', 'x.txt'), 'must end in .yaml'),
         (('127.0.0.1', '--seconds', '0'), 'must be a number from 1 to 600'),

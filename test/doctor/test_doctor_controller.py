@@ -21,7 +21,7 @@ from epson_driver.link import Link
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
 from epson_driver.remote_ethernet.client import logged_in
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.sim_controller.remote import remote_commands
@@ -119,7 +119,7 @@ def found_at(findings, level):
 
 
 def test_profiles_of_this_file_are_complete():
-    folder = share_file('config', 'controllers', 'simulated.yaml').parent
+    folder = share_path('config', 'controllers', 'simulated.yaml').parent
     there = {path.stem for path in folder.glob('*.yaml')}
     assert there - {'remote'} == set(NAMES)  # remote has nothing to learn
 

@@ -12,6 +12,7 @@ from support.sim_process import vacant_port
 
 from epson_driver.doctor.findings import Findings, Level
 from epson_driver.doctor.look import look_at, tell_look
+from epson_driver.inputs import InputError
 from epson_driver.link import Link
 from epson_driver.remote_ethernet import answers
 from epson_driver.remote_ethernet.client import logged_in
@@ -66,7 +67,7 @@ def test_unknown_model_is_not_taken_over(monkeypatch):
 
 
 def _unknown(name):
-    raise FileNotFoundError(name)
+    raise InputError(name)
 
 
 @pytest.mark.invariant(1)

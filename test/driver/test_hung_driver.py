@@ -25,7 +25,7 @@ from epson_driver.driver.outcome import End
 from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.link import WireEvent
 from epson_driver.profiles import load_controller_profile
-from epson_driver.share import share_file, share_folder
+from epson_driver.share import share_path
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faults import parse
 from epson_driver.simple_message import GetVersion, MessageType
@@ -49,7 +49,7 @@ KINDS = {
     'scaled': ('simulated', True, 'streaming'),
     'spel': ('spel', False, 'streaming'),
 }
-PROFILES = share_file('config', 'controllers', 'simulated.yaml').parent
+PROFILES = share_path('config', 'controllers', 'simulated.yaml').parent
 HEARTBEAT = struct.pack('<4i', 12, MessageType.PING, 1, 0)
 STOP = struct.pack('<i', -4)
 FAR = pose(2.0, 0.5, -0.4)
@@ -306,7 +306,7 @@ def test_only_profiles_with_a_watchdog_have_a_client_timeout(name):
     profile = load_controller_profile(name)
     assert profile.server.client_timeout == TIMEOUTS.get(name, 0.0)
     if profile.spel.project:
-        source = share_folder(profile.spel.project) / 'config.inc'
+        source = share_path(profile.spel.project) / 'config.inc'
         own = re.search(
             '^#define CLIENT_TIMEOUT ([0-9.]+)', source.read_text('utf-8'), re.MULTILINE
         )

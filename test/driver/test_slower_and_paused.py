@@ -28,10 +28,10 @@ from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 from epson_driver.sim_controller.condition.states import Event
 
-PROFILES = sorted(path.stem for path in share_folder('config', 'controllers').glob('*.yaml'))
+PROFILES = sorted(path.stem for path in share_path('config', 'controllers').glob('*.yaml'))
 
 WINDOW_S = 0.1
 """Period over which speeds are averaged, s: two points of the fastest controller."""

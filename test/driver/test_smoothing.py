@@ -28,11 +28,11 @@ from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 LIMITS = load_robot_model('c3_a601s').limits
-PLAN = read_trajectory(share_file('config', 'trajectories', 'around_pillar_fast_100ms.yaml'))
+PLAN = read_trajectory(share_path('config', 'trajectories', 'around_pillar_fast_100ms.yaml'))
 START = PLAN.positions[0]
 POSITIONS_ONLY = Trajectory(LIMITS.names, np.zeros(len(PLAN.times)), PLAN.positions)
 

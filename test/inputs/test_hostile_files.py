@@ -37,7 +37,7 @@ from epson_driver.report.smooth_study import save_picture
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.limit_files import file_limits
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 from epson_driver.spel import read_answers, read_project
 from epson_driver.spel.errors import SpelError
 from epson_driver.spel.export import exported
@@ -209,7 +209,7 @@ def _text(name: str, text: str) -> Callable[[Path], Path]:
 
 
 def _project(folder: Path) -> Path:
-    files = read_project(share_folder('controller_program'))
+    files = read_project(share_path('controller_program'))
     made = exported('own', files, 7, datetime(2026, 1, 1, tzinfo=UTC))
     (folder / 'own.sprj').write_bytes(made['own.sprj'])
     (folder / 'main.prg').write_bytes(made['main.prg'])
@@ -248,7 +248,7 @@ def _read_bag(path: Path) -> None:
     read_bag(path, load_error_texts())
 
 
-SHARED = share_folder('config')
+SHARED = share_path('config')
 READERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path]]] = {
     'any': (lambda path: read_file(path, 1_000_000), _text('x.txt', 'a: 1.0\n')),
     'trajectory': (

@@ -22,7 +22,7 @@ from epson_driver.motion.smoother import (
 )
 from epson_driver.processes.worker import packed, unpacked
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 pytestmark = pytest.mark.invariant(2, 3)
@@ -73,7 +73,7 @@ def near(positions: Array, points: Array) -> float:
 @pytest.mark.parametrize('mode', Mode)
 @pytest.mark.parametrize('name', ['around_pillar_11_points', 'around_pillar_fast_100ms'])
 def test_plan_is_followed_without_a_stop(name: str, mode: Mode) -> None:
-    trajectory = read_trajectory(Path(share_file('config', 'trajectories', f'{name}.yaml')))
+    trajectory = read_trajectory(Path(share_path('config', 'trajectories', f'{name}.yaml')))
     smoother = Smoother(LIMITS, trajectory.positions[0], mode)
     durations = np.diff(trajectory.times)
     for point, duration in zip(trajectory.positions[1:], durations.tolist(), strict=True):

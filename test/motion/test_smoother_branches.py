@@ -18,7 +18,7 @@ from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import BRANCH
 from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 CYCLE_S = 0.004
@@ -232,7 +232,7 @@ def test_plan_from_rest_is_found_after_the_effort_is_spent(
 )
 def test_long_plans_without_times_are_not_split(name: str, limits: str, duration: float) -> None:
     """duration: approximate optimum, s. Split plans took 1.7 times as long."""
-    positions = read_trajectory(share_file('config', 'trajectories', f'{name}.yaml')).positions
+    positions = read_trajectory(share_path('config', 'trajectories', f'{name}.yaml')).positions
     needed, _ = move(limit_set(limits), positions, None)
     assert needed < 1.3 * duration
 

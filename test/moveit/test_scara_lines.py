@@ -16,7 +16,7 @@ from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.chain import PRISMATIC, rotation_about
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.model import SCARA
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 EPSILON = 1e-5
 """The plugin's default, m or rad."""
@@ -28,7 +28,7 @@ SCARAS = [name for name in robot_models() if load_robot_model(name).kind == SCAR
 
 
 def configured_rows() -> int:
-    text = share_file('config', 'moveit', 'kinematics_scara.yaml').read_text(encoding='utf-8')
+    text = share_path('config', 'moveit', 'kinematics_scara.yaml').read_text(encoding='utf-8')
     return 3 if yaml.safe_load(text)['manipulator']['position_only_ik'] else 6
 
 

@@ -31,7 +31,7 @@ from epson_driver.node.node import ClientNode
 from epson_driver.node.parameters import rejection
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.setup.table import TABLE, joint_rows
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.simple_message import Status
 from epson_driver.trace.trace import MEGABYTE
 
@@ -114,7 +114,7 @@ def test_documented_names_and_types_equal_the_node_s(made, title, method):
 
 def allowed(enclave, kind, right):
     """Return the names that the SROS 2 policy allows an enclave to use."""
-    policy = ElementTree.parse(share_file('config', 'sros2', 'epson_driver.policy.xml'))
+    policy = ElementTree.parse(share_path('config', 'sros2', 'epson_driver.policy.xml'))
     (profile,) = policy.findall(f'enclaves/enclave[@path="{enclave}"]/profiles/profile')
     return {resolved(name.text) for name in profile.findall(f'{kind}[@{right}="ALLOW"]/*')}
 

@@ -14,10 +14,10 @@ from epson_driver.profiles.profile import (
     load_controller_profile,
 )
 from epson_driver.profiles.profile_rules import RULES
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.simple_message import ByteOrder, Mode
 
-FOLDER = share_file('config', 'controllers', 'simulated.yaml').parent
+FOLDER = share_path('config', 'controllers', 'simulated.yaml').parent
 NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))
 
 
@@ -116,7 +116,7 @@ def test_profiles_have_their_documented_differences():
 
 
 def test_unknown_profile_lists_the_existing_profiles():
-    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*simulated'):
+    with pytest.raises(InputError, match=r'no controller profile rc1: must be rc90, .*simulated'):
         load_controller_profile('rc1')
 
 
@@ -254,7 +254,7 @@ def test_name_and_description_are_not_inherited(tmp_path, key):
 
 def test_like_of_a_missing_profile_is_an_error(tmp_path):
     data = {'like': 'rc1', 'name': 'mine', 'description': 'my own'}
-    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*simulated'):
+    with pytest.raises(InputError, match=r'no controller profile rc1: must be rc90, .*simulated'):
         load_controller_profile(str(written(tmp_path, data)))
 
 

@@ -120,7 +120,7 @@ def test_pulses_and_reach_have_the_unit_of_the_joint() -> None:
 
 @pytest.mark.parametrize('name', ['c5_a901s', 'C9-B1401', '', '../c3', 'c3_a601s\0'])
 def test_unknown_model_error_refers_to_the_list(name: str) -> None:
-    with pytest.raises(FileNotFoundError, match=r'^no robot model .*`epson_driver robots` lists'):
+    with pytest.raises(InputError, match=r'^no robot model .*`epson_driver robots` lists'):
         load_robot_model(name)
 
 
@@ -132,6 +132,10 @@ def test_unknown_model_error_refers_to_the_list(name: str) -> None:
         ('gx8 c452sr', 'gx8_c452sr'),
         ('T6-602', 't6_602s'),
         ('vt6', 'vt6_a901s'),
+        ('VT6L', 'vt6_a901s'),
+        ('C4L', 'c4_a901s'),
+        ('C4', 'c4_a601s'),
+        ('T6', 't6_602s'),
         ('GX4-C351S-L', 'gx4_c351s_l'),
         ('LS20-BA04S', 'ls20_ba04s'),
     ],
@@ -148,11 +152,11 @@ def test_model_name_can_be_abbreviated(name: str, meant: str) -> None:
         ('C4-A601SR', 'cx4_a601sr or c4_a601s'),
         ('t6_620s', 't6_602s'),
         ('lsx6', 'ls6_'),
-        ('C8XL', 'c8_a1401s or '),
+        ('C8XL', 'c8_a1401s or c8_c1401s?'),
     ],
 )
 def test_ambiguous_or_wrong_name_suggests_models(name: str, near: str) -> None:
-    with pytest.raises(FileNotFoundError) as error:
+    with pytest.raises(InputError) as error:
         load_robot_model(name)
     assert f'; did you mean {near}' in str(error.value)
 
@@ -168,7 +172,7 @@ def test_ambiguous_or_wrong_name_suggests_models(name: str, near: str) -> None:
     ],
 )
 def test_unsupported_arm_error_lists_missing_data(name: str, missing: str) -> None:
-    with pytest.raises(FileNotFoundError) as error:
+    with pytest.raises(InputError) as error:
         load_robot_model(name)
     assert missing in str(error.value)
     assert 'docs/new_robot.md' in str(error.value)

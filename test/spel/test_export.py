@@ -15,14 +15,14 @@ from epson_driver.cli.spel_commands import export
 from epson_driver.inputs import InputError
 from epson_driver.inputs.rc_files import header_fault, parsed
 from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.share import share_folder
+from epson_driver.share import share_path
 from epson_driver.sim_controller.assembly import robot_defines
 from epson_driver.spel import read_project, with_defines
 from epson_driver.spel.commands import CONTROLLERS
 from epson_driver.spel.export import exported
 from epson_driver.spel.lint import check
 
-FILES = read_project(share_folder('controller_program'))
+FILES = read_project(share_path('controller_program'))
 WHEN = datetime(2026, 1, 1, tzinfo=UTC)
 
 
@@ -90,7 +90,7 @@ def test_error_labels_of_the_program_match_their_file() -> None:
     assert [block.text('sLabel') for block in errors.blocks('Label')] == [
         'CORRUPT_MSG', 'NOT_READY', 'STOPPED_BY_BIT', 'CLIENT_SILENT'
     ]  # fmt: skip
-    assert header_fault((share_folder('controller_program') / 'UserErrors.dat').read_bytes()) == ''
+    assert header_fault((share_path('controller_program') / 'UserErrors.dat').read_bytes()) == ''
 
 
 def test_export_is_reproducible() -> None:

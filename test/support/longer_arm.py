@@ -8,12 +8,12 @@ from pathlib import Path
 import yaml
 
 from epson_driver.robots import RobotModel, load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 
 def arm_file(folder: Path, joints: int) -> Path:
     """Write a model with `joints` joints (≥ 6) to a file in `folder` and return its path."""
-    data = yaml.safe_load(share_file('config', 'robots', 'c3.yaml').read_text('utf-8'))
+    data = yaml.safe_load(share_path('config', 'robots', 'c3.yaml').read_text('utf-8'))
     del data['models'], data['sources']
     data['name'] = f'c3_with_{joints}_joints'
     lists = [data[key] for key in data if key.startswith(('range', 'speed', 'accel', 'pulses'))]

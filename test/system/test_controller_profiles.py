@@ -10,7 +10,7 @@ from support.cell import START
 from support.ros_peer import trajectory
 
 from epson_driver.motion import Trajectory
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 PLANS = ('around_pillar_11_points', 'around_pillar_fast_100ms', 'around_pillar_positions_only')
@@ -31,7 +31,7 @@ def test_planned_trajectories_succeed_on_every_controller(make_cell: Any, name: 
     cell = make_cell(f'--controller={name}', *how, controller=name).ready()
     cell.peer.enable()
     for file in PLANS:
-        plan = read_trajectory(share_file('config', 'trajectories', f'{file}.yaml'))
+        plan = read_trajectory(share_path('config', 'trajectories', f'{file}.yaml'))
         to_start = trajectory((2.0, plan.positions[0].tolist()))
         assert cell.peer.goal(to_start).result()[0] == 'succeeded'
         ended, _, text = cell.peer.goal(message_of(plan)).result()

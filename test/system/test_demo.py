@@ -15,7 +15,7 @@ import pytest
 from epson_driver.demo.run import TOO_BUSY
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.model import SCARA
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 
 def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -102,7 +102,7 @@ def test_demo_reports_an_invalid_file(tmp_path: Path) -> None:
     missing = demo('--trajectory', str(tmp_path / 'none.yaml'))
     assert missing.returncode == 1
     assert 'none.yaml' in missing.stdout.replace('\n', '')  # wrapped at the terminal's width
-    plan = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
+    plan = share_path('config', 'trajectories', 'around_pillar_11_points.yaml')
     bad = tmp_path / 'bad.yaml'
     text = plan.read_text(encoding='utf-8')
     bad.write_text(text.replace('-0.212831978', '-3.212831978'), encoding='utf-8')

@@ -12,7 +12,7 @@ import pytest
 
 from epson_driver.processes import processes
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 COMMON = r"""
@@ -197,7 +197,7 @@ def test_standard_library_client_observes_a_smooth_motion(
 ) -> None:
     """Time bounds are wide, because samples are stamped on arrival on a busy machine."""
     limits = load_robot_model('c3_a601s').limits
-    plan = read_trajectory(share_file('config', 'trajectories', f'{name}.yaml'))
+    plan = read_trajectory(share_path('config', 'trajectories', f'{name}.yaml'))
     points = plan.positions.astype(np.float32).astype(float)
     durations = np.maximum(np.diff(plan.times, prepend=0.0), 0.001)
     start = ','.join(map(repr, points[0].tolist()))

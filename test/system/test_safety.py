@@ -18,7 +18,7 @@ from support import in_terminal
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import RosPeer, trajectory
 
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 
@@ -252,7 +252,7 @@ def test_inv3_controller_that_ignores_stop_loses_its_motors(
     make_cell: Any, tmp_path: Path
 ) -> None:
     project = tmp_path / 'deaf'
-    shutil.copytree(share_file('controller_program', 'motion.prg').parent, project)
+    shutil.copytree(share_path('controller_program', 'motion.prg').parent, project)
     program = (project / 'motion.prg').read_text(encoding='utf-8')
     stops = 'If sequence = SEQ_STOP_TRAJECTORY Then\n    DropPoints\n'
     assert program.count(stops) == 1

@@ -11,7 +11,7 @@ from support.cell import LASTS, START, Cell, cell_with
 from support.ros_peer import trajectory
 
 from epson_driver.motion.closest_samples import closest_sample_indices
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
@@ -35,7 +35,7 @@ def go_back(cell: Cell) -> None:
 
 def test_smoothed_plan_is_executed_to_its_end(smooth_cell: Cell) -> None:
     peer = smooth_cell.peer
-    plan = read_trajectory(share_file('config', 'trajectories', 'around_pillar_11_points.yaml'))
+    plan = read_trajectory(share_path('config', 'trajectories', 'around_pillar_11_points.yaml'))
     assert peer.goal(trajectory((1.0, plan.positions[0].tolist()))).result()[0] == 'succeeded'
     points = zip(plan.times.tolist(), plan.positions.tolist(), strict=True)
     ended, _, text = peer.goal(trajectory(*points)).result()

@@ -16,7 +16,7 @@ from urdf_rules import problems
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.urdf import urdf
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 
 NAMES = robot_models()
 XACRO = [sys.executable, '-c', 'import xacro; xacro.main()']
@@ -82,7 +82,7 @@ def test_tool0_by_pinocchio_equals_the_model_data(model):
 
 
 def test_xacro_accepts_a_prefix(tmp_path):
-    source = share_file('urdf', 'epson_robot.urdf.xacro')
+    source = share_path('urdf', 'epson_robot.urdf.xacro')
     for file, folder in ((source, tmp_path), (source.name, source.parent)):  # absolute, relative
         run = subprocess.run(
             [*XACRO, str(file), 'robot_model:=c4_a601s', 'prefix:=left_'],
@@ -101,7 +101,7 @@ def test_xacro_accepts_a_prefix(tmp_path):
 
 
 def test_two_arms_fit_in_one_file(tmp_path):
-    macro = share_file('urdf', 'epson_macro.xacro')
+    macro = share_path('urdf', 'epson_macro.xacro')
     cell = tmp_path / 'cell.urdf.xacro'
     cell.write_text(
         f"""<robot name="cell" xmlns:xacro="http://www.ros.org/wiki/xacro">

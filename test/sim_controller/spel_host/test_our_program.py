@@ -21,7 +21,7 @@ from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.share import share_path
 from epson_driver.sim_controller.assembly import profile_project
 from epson_driver.trajectory_file import read_trajectory
 
@@ -31,7 +31,7 @@ FAR = [1.5, -0.2, 0.3, 0.1, 0.5, 0.2]
 
 
 def plan(name='around_pillar_11_points'):
-    return read_trajectory(share_file('config', 'trajectories', f'{name}.yaml'))
+    return read_trajectory(share_path('config', 'trajectories', f'{name}.yaml'))
 
 
 def smoothed_by_the_driver(trajectory):
