@@ -6,10 +6,15 @@ Saving to a .pts file preserves content that this module does not know. If no po
 it preserves every byte. A .yaml file has X Y Z U V W, mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
+
+A .csv file has the columns of `COLUMNS`: all that a .pts file has of its points, in its encoding.
 """
 
+import codecs
+import csv
+import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import atan2, ceil, degrees, hypot, pi, sin
@@ -170,6 +175,21 @@ MAX_BYTES = 4_000_000
 _NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
 _AXES = 'XYZUVW'
 _FLAGS = ('nHand', 'nElbow', 'nWrist', 'nJ1Flag', 'nJ2Flag', 'nJ4Flag', 'nJ6Flag')
+_KEYS = (
+    *('nNumber', 'sLabel', 'sDescription', 'nUndefined', 'rX', 'rY', 'rZ', 'rU', 'rV', 'rW'),
+    *('rR', 'rS', 'rT', 'nLocal', *_FLAGS, 'rJ1Angle', 'rJ4Angle', 'bSimVisible'),
+)
+"""The keys of a point in a .pts file, in their order. The first letter is the type."""
+
+COLUMNS = tuple(key[1:] for key in _KEYS)
+_NEEDED = ('Number', 'X', 'Y', 'Z', 'Hand', 'Elbow', 'Wrist')
+"""Columns that a .csv file must have. The default of the others is 0, '' or True."""
+
+_SHOWN = {
+    'nHand': {1: '/R', 2: '/L'},
+    'nElbow': {1: '/A', 2: '/B'},
+    'nWrist': {1: '/NF', 2: '/F'},
+}
 _NO_PLACE = 0xF
 """Bits of nUndefined that mark X, Y, Z or U as undefined."""
 
@@ -254,32 +274,75 @@ class TaughtPoints:
         return {item.name: item.point for item in stored if item.point and not item.why}
 
     def load(self, path: str | PathLike[str]) -> int:
-        """Replace all points by those in a .pts or .yaml file, and return their number.
+        """Replace all points by those in a .pts, .csv or .yaml file, and return their number.
 
         Raises OSError if the file cannot be read, ValueError if it is invalid.
         """
         file = Path(path)
         read = _READERS.get(file.suffix.lower())
         if read is None:
-            raise InputError(f'{printable(file)}: must be a .pts or a .yaml file')
+            raise InputError(f'{printable(file)}: {_SUFFIXES}')
         self._points, self._file = read(file)
         self._changed = False
         return len(self)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write all points to a .pts or .yaml file.
+        """Write all points to a .pts, .csv or .yaml file.
 
         Unchanged content of a .pts file is preserved. Raises OSError if the file cannot be
         written, InputError if its format does not support a point.
         """
         file = Path(path)
-        if file.suffix.lower() == '.pts':
-            content = self._pts()
-        elif file.suffix.lower() in _READERS:
-            content = ''.join(map(_yaml_line, self._points.values())).encode()
-        else:
-            raise InputError(f'{printable(file)}: must be a .pts or a .yaml file')
-        write_file(file, content)
+        if file.suffix.lower() not in _READERS:
+            raise InputError(f'{printable(file)}: {_SUFFIXES}')
+        write_file(file, self.content(file.suffix.lower()))
+
+    def content(self, suffix: str) -> bytes:
+        """Return the content of a .pts, .csv or .yaml file. Raises InputError like `save`."""
+        if suffix == '.pts':
+            return self._pts()
+        if suffix == '.csv':
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator='\n')
+            writer.writerow(COLUMNS)
+            for block in self._blocks():
+                writer.writerow([_column(block, key) for key in _KEYS])
+            return text.getvalue().encode('latin-1')
+        return ''.join(map(_yaml_line, self._points.values())).encode()
+
+    def table(self) -> Iterator[tuple[str, ...]]:
+        """Yield number, label, X to W, flags as in SPEL+ and description of each point.
+
+        Raises InputError if a point has no posture, as in a .yaml file.
+        """
+        for block in self._blocks():
+            undefined = int(block.number('nUndefined'))
+            axes = (
+                '-' if undefined >> place & 1 else f'{block.number(f"r{axis}"):.3f}'
+                for place, axis in enumerate(_AXES)
+            )
+            flags = [names.get(int(block.number(key)), '') for key, names in _SHOWN.items()]
+            flags += (
+                f'/{key[1:3]}F{turns}'
+                for key in _FLAGS[3:]
+                if (turns := block.text(key, '0')) != '0'
+            )
+            flags += (
+                f'/J{joint}A({angle:g})'
+                for joint in (1, 4)
+                if (angle := block.number(f'rJ{joint}Angle'))
+            )
+            if local := int(block.number('nLocal')):
+                flags.append(f'/{local}')
+            about = block.text('sDescription')
+            label = block.text('sLabel')
+            yield (
+                f'P{int(block.number("nNumber"))}',
+                label,
+                *axes,
+                ' '.join(filter(None, flags)),
+                about,
+            )
 
     def _existing(self, name: str) -> _StoredPoint:
         stored = self._find(name)
@@ -304,6 +367,17 @@ class TaughtPoints:
             items = [
                 element for element in self._file[1].items if not _is_point_or_header(element)
             ]
+        blocks = self._blocks()
+        items = [
+            item
+            if isinstance(item, Block) or item[0] != 'nNumberOfPoints'
+            else (item[0], str(len(blocks)))
+            for item in items
+        ]
+        return sealed(Block('', [*items, *blocks]), datetime.now(UTC)).encode('latin-1')
+
+    def _blocks(self) -> list[Block]:
+        """Return the points as blocks of a .pts file, by number. Raises InputError."""
         used = {stored.number for stored in self._points.values()}
         free = (number for number in range(LAST_NUMBER + 1) if number not in used)
         numbered = []
@@ -312,16 +386,10 @@ class TaughtPoints:
             if number > LAST_NUMBER:
                 raise InputError(f'{len(self)} points: a .pts file has {LAST_NUMBER + 1}')
             numbered.append((number, stored))
-        count = str(len(numbered))
-        items = [
-            item if isinstance(item, Block) or item[0] != 'nNumberOfPoints' else (item[0], count)
-            for item in items
-        ]
-        blocks = [
+        return [
             replace(_block(number, point), name=f'Point{index}')
             for index, (number, point) in enumerate(sorted(numbered, key=lambda item: item[0]), 1)
         ]
-        return sealed(Block('', [*items, *blocks]), datetime.now(UTC)).encode('latin-1')
 
 
 def _is_point_or_header(item: Any) -> bool:
@@ -378,8 +446,52 @@ def _from_pts(file: Path) -> _Read:
     """Read a .pts file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     content = read_file(file, MAX_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
+    return _of_blocks(file, top.blocks('Point')), (content, top)
+
+
+def _from_csv(file: Path) -> _Read:
+    """Read a .csv file. Raises ValueError if it is invalid, OSError if it cannot be read."""
+    content = read_file(file, MAX_BYTES).removeprefix(codecs.BOM_UTF8)
+    rows = csv.DictReader(io.StringIO(content.decode('latin-1'), newline=''))
+    try:
+        return _of_blocks(file, list(_of_rows(file, rows))), None
+    except csv.Error as error:
+        raise InputError(f'{printable(file)}:{rows.line_num}: {error}') from error
+
+
+def _of_rows(file: Path, rows: 'csv.DictReader[str]') -> Iterator[Block]:
+    columns = rows.fieldnames or ()
+    if not set(_NEEDED) <= set(columns) <= set(COLUMNS) or len(columns) != len(set(columns)):
+        rule = f'must have the columns {", ".join(_NEEDED)}, and may have {", ".join(COLUMNS)}'
+        raise InputError(f'{printable(file)}: {rule}')
+    for row in rows:
+        if None in row or None in row.values():
+            rule = f'must have {len(columns)} values'
+            raise InputError(f'{printable(file)}:{rows.line_num}: {rule}')
+        items = [(key, _value(key, row.get(key[1:], ''))) for key in _KEYS]
+        block = Block('', [*items], file.name, dict.fromkeys((*_KEYS, ''), rows.line_num))
+        for key in _KEYS:
+            if key[0] in 'nr':
+                block.number(key)
+        yield block
+
+
+def _value(key: str, column: str) -> str:
+    """Return the value of a key in a .pts file for that of a .csv column."""
+    if key == 'nUndefined' and not column:
+        return _ONLY_PLACE
+    return quoted(column) if key[0] == 's' else column or ('True' if key[0] == 'b' else '0')
+
+
+def _column(block: Block, key: str) -> str:
+    """Return the value of a .csv column for that of a key in a .pts file."""
+    text = block.text(key, 'True' if key[0] == 'b' else '' if key[0] == 's' else '0')
+    return text.replace('\\\\', '\\') if key[0] == 's' else text
+
+
+def _of_blocks(file: Path, blocks: Iterable[Block]) -> dict[str, _StoredPoint]:
     points: dict[str, _StoredPoint] = {}
-    for block in top.blocks('Point'):
+    for block in blocks:
         number = int(block.number('nNumber', -1))
         if not 0 <= number <= LAST_NUMBER:
             raise InputError(
@@ -393,7 +505,7 @@ def _from_pts(file: Path) -> _Read:
         local = int(block.number('nLocal'))
         why = f'is in local {local} of the controller, which is unknown' if local else ''
         points[name.lower()] = _StoredPoint(name, place, number, block, why=why)
-    return points, (content, top)
+    return points
 
 
 def _from_yaml(file: Path) -> _Read:
@@ -416,9 +528,11 @@ def _from_yaml(file: Path) -> _Read:
 
 _READERS: dict[str, Callable[[Path], _Read]] = {
     '.pts': _from_pts,
+    '.csv': _from_csv,
     '.yaml': _from_yaml,
     '.yml': _from_yaml,
 }
+_SUFFIXES = 'must be a .pts, a .csv or a .yaml file'
 
 
 def _yaml_line(stored: _StoredPoint) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel check|run|test|export`: SPEL+ programs without a robot and without RC+."""
+"""`epson_driver spel COMMAND`: SPEL+ programs without a robot and without RC+."""
 
 import argparse
 import re
@@ -19,6 +19,7 @@ from epson_driver.cli.arguments import (
     parsed,
 )
 from epson_driver.cli.problem_formats import FORMATS, FOUND, placed
+from epson_driver.cli.spel_editing import add_editing
 from epson_driver.inputs import InputError, Rule, count, number, shown
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.spel import NetSettings, Problem, ProgramError, read_project
@@ -94,12 +95,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver spel',
         **help_texts(
-            'Check, run, test and export SPEL+ programs without a robot and without RC+.',
+            'Check, run, test, edit and export SPEL+ programs without a robot and without RC+.',
             ('spel check my_project', 'spel test my_project'),
             codes,
         ),
     )
-    commands = parser.add_subparsers(required=True, metavar='check|run|test|export')
+    commands = parser.add_subparsers(required=True, metavar='COMMAND')
     text = 'Find errors and probable mistakes in a program.'
     examples = ('spel check my_project --strict', 'spel check main.prg --version 7 --format json')
     checking = commands.add_parser('check', help=text, **help_texts(text, examples, codes))
@@ -199,6 +200,7 @@ def _parser() -> argparse.ArgumentParser:
         help="the controller's IPv4 address",
     )
     exporting.set_defaults(run=_export)
+    add_editing(commands, codes)
     return parser
 
 

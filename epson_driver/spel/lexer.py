@@ -20,7 +20,7 @@ LONGEST_LINE = 5_000
 
 _LONGEST_NUMBER = 400
 
-_TOKEN = re.compile(
+TOKEN = re.compile(
     r"""
     (?P<space>[ \t\f\v\r\x1a\ufeff]+)
     | (?P<comment>'.*)
@@ -33,6 +33,7 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE,
 )
+"""Matches one token, a comment or blanks. The group's name is the kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
     at = 0
     while at < len(text):
         position = Position(file, line, column + at)
-        match = _TOKEN.match(text, at)
+        match = TOKEN.match(text, at)
         if match is None or match.lastgroup is None:
             raise SyntaxProblem(position, _unreadable(text[at]))
         kind, word = match.lastgroup, match.group()

@@ -63,6 +63,11 @@ WORDS: dict[str, Word] = {word.name.lower(): word for word in _words()}
 CONSTANTS: dict[str, int | str] = {name.lower(): value for name, value in _constants()}
 """Predefined constants by name in lower case."""
 
+SPELLING = {name.lower(): name for name, _ in _constants()} | {
+    key: word.name for key, word in WORDS.items()
+}
+"""All words and constants in the manual's case, by name in lower case."""
+
 EVERY_VERSION = (99, 0, 0)
 
 

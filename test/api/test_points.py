@@ -147,7 +147,7 @@ def test_yaml_file_round_trip(tmp_path_factory, places):
         ('a.yaml', 'pick: {x: 1}', 'pick: must have x, y, z'),
         ('a.yaml', 'pick: {x: 1, y: 2, z: far}', "pick: z = 'far'"),
         ('a.yaml', 'p1: {x: 1, y: 2, z: 3}', 'must be a unique name of a point'),
-        ('a.txt', '', r'must be a \.pts or a \.yaml file'),
+        ('a.txt', '', r'must be a \.pts, a \.csv or a \.yaml file'),
     ],
 )
 @pytest.mark.invariant(7)
@@ -212,3 +212,41 @@ def test_teach_without_connection_raises():
     robot = aio.Robot()
     with pytest.raises(RobotError, match='no connection'):
         robot.points.teach('pick')
+
+
+def test_csv_has_all_of_a_points_file(points, tmp_path):
+    points.save(tmp_path / 'a.csv')
+    again = aio.Robot(model='gx4_a251s').points
+    again.load(tmp_path / 'a.csv')
+    again.save(tmp_path / 'b.pts')
+    content = (tmp_path / 'b.pts').read_bytes()
+    assert header_fault(content) == ''
+    old, new = (parsed('', text.decode('latin-1')) for text in (FILE, content))
+    assert list(new.blocks('Point')) == list(old.blocks('Point'))
+
+
+def test_csv_needs_the_posture_and_takes_defaults_for_the_rest(points, tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_bytes(b'Number,Label,X,Y,Z,Hand,Elbow,Wrist\r\n5,up,1,2.5,3,1,1,1\r\n')
+    assert points.load(file) == 1
+    assert points['up'] == points['P5'] == EpsonPoint(1, 2.5, 3)
+    points.save(tmp_path / 'a.pts')
+    assert header_fault((tmp_path / 'a.pts').read_bytes()) == ''
+
+
+@pytest.mark.parametrize(
+    ('content', 'text'),
+    [
+        (b'Number,X,Y,Z\n', 'must have the columns Number, X'),
+        (b'Number,X,Y,Z,Hand,Elbow,Wrist,Q\n', 'must have the columns'),
+        (b'Number,X,Y,Z,Hand,Elbow,Wrist\n1,2\n', ':2: must have 7 values'),
+        (b'Number,X,Y,Z,Hand,Elbow,Wrist\n1,2,3,4,5,6,7,8\n', ':2: must have 7 values'),
+        (b'Number,X,Y,Z,Hand,Elbow,Wrist\n1,b,3,4,1,1,1\n', ':2: rX='),
+        (b'Number,X,Y,Z,Hand,Elbow,Wrist\n1,"2,3', ':2: must have 7 values'),
+    ],
+)
+def test_csv_with_a_fault_is_refused_with_its_line(points, tmp_path, content, text):
+    file = tmp_path / 'a.csv'
+    file.write_bytes(content)
+    with pytest.raises(ArgumentError, match=text):
+        points.load(file)

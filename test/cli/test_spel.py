@@ -391,3 +391,34 @@ def test_coverage_lists_the_executed_lines(tmp_path: Path) -> None:
     missed = [line.get('number') for line in report.iter('line') if line.get('hits') == '0']
     assert missed == ['5']
     assert report.get('lines-valid') == '10'
+
+
+def test_fmt_writes_files_and_check_only_names_them(tmp_path: Path) -> None:
+    file = tmp_path / 'main.prg'
+    file.write_bytes(b'\xef\xbb\xbffunction main\r\nprint "\x83A"\r\nfend\r\n')
+    (tmp_path / 'notes.txt').write_text('function')
+    checked = run('fmt', '--check', tmp_path)
+    assert (checked.returncode, checked.stdout) == (1, f'would format {file}\n')
+    assert run('fmt', tmp_path).returncode == 0
+    content = b'\xef\xbb\xbfFunction main\r\n  Print "\x83A"\r\nFend\r\n'
+    assert file.read_bytes() == content
+    assert run('fmt', '--check', tmp_path).returncode == 0
+    assert run('fmt', tmp_path / 'none.prg').returncode == 2
+
+
+def test_points_are_shown_as_a_table_and_converted(tmp_path: Path) -> None:
+    table = tmp_path / 'points.csv'
+    table.write_text(
+        'Number,Label,Description,X,Y,Z,Local,Hand,Elbow,Wrist,J4Flag,J1Angle\n'
+        '3,pick,"the ""red"" one",1,-20.5,3,2,2,1,1,1,-90\n'
+    )
+    assert run('points', table, '--to', tmp_path / 'robot1.pts').returncode == 0
+    result = run('points', tmp_path / 'robot1.pts')
+    assert result.returncode == 0
+    head, line = result.stdout.splitlines()
+    assert head.split() == ['label', *'XYZUVW', 'flags', 'description']
+    assert line == (
+        'P3  pick   1.000  -20.500  3.000  0.000  0.000  0.000  /L /A /NF /J4F1 /J1A(-90) /2'
+        '  the "red" one'
+    )
+    assert run('points', table, '--to', tmp_path / 'a.yaml').returncode == 2
