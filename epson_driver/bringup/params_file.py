@@ -2,18 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The client's parameters in a params_file, for one or several robots."""
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from epson_driver.bringup.description import BringupError
-from epson_driver.inputs import read_yaml
+from epson_driver.setup.robot_file import PARAMETERS, fits_node, node_sections
 
 NODE_NAME = 'epson_driver'
 """Name of the client's node in the launch files."""
-
-PARAMETERS = 'ros__parameters'
 
 
 def file_parameters(path: str, namespace: str) -> dict[str, Any]:
@@ -26,39 +23,13 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
         raise BringupError(f'launch argument params_file = {path}: no such file')
     node = '/' + '/'.join([*filter(None, namespace.split('/')), NODE_NAME])
     sections = node_sections(Path(path))
-    matching = [values for name, values in sections.items() if _matches(name, node)]
+    matching = [values for name, values in sections.items() if fits_node(name, node)]
     if not matching:
         raise BringupError(
             f'launch argument params_file = {path}: it has no {PARAMETERS} for the node {node}, '
             f'only for {", ".join(sections) or "no node"}'
         )
     return {name: value for values in matching for name, value in values.items()}
-
-
-def node_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters in a file by node name, which may contain the wildcards * and **.
-
-    Raises InputError if the file is not YAML.
-    """
-    content = read_yaml(path)
-    return dict(_sections(content)) if isinstance(content, Mapping) else {}
-
-
-def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the node names and parameters in a file. Nodes may be nested by namespace."""
-    for name, value in content.items():
-        if not isinstance(value, Mapping):
-            continue
-        if name == PARAMETERS:
-            yield above or '/**', dict(value)
-        else:
-            yield from _sections(value, f'{above}/{str(name).strip("/")}')
-
-
-def _matches(pattern: str, node: str) -> bool:
-    """Return whether a pattern matches a node name. `*`: one part of it, `**`: any number."""
-    expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
-    return re.fullmatch(expression, node) is not None
 
 
 EACH = (

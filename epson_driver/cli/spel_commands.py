@@ -36,6 +36,9 @@ from epson_driver.spel.lint import check
 FIRST_OUTPUT_BYTE_6 = '0'
 """IO_FIRST_OUTPUT_BYTE for RC+ 6, which assigns no outputs to remote control (manual, p953)."""
 
+BUILT_IN = ('t', 'vt')
+"""Controllers that are part of the arm of the series with this name."""
+
 Project = tuple[Path, Mapping[str, str]]
 """The folder of a SPEL+ project, and the texts of its files by name."""
 
@@ -176,8 +179,15 @@ def export(arguments: argparse.Namespace) -> int:
         rule = 'the name of a project must be 1 to 24 letters, digits, - and _'
         raise InputError(f'{printable(folder)}: {rule}')
     version = CONTROLLERS[arguments.controller]
+    model = load_robot_model(arguments.robot)
+    series = re.match(r'v?t(?=\d+_)', model.name)
+    own = series[0] if series else arguments.controller
+    if arguments.controller != own or (series is None and own in BUILT_IN):
+        needed = f'{own}, built into its base' if series else 'another one: t and vt are built in'
+        rule = f'the controller of {model.name} must be {needed}'
+        raise InputError(f'--controller {arguments.controller}: {rule}')
     files = read_project(share_path('controller_program'))
-    defines = robot_defines(files, load_robot_model(arguments.robot))
+    defines = robot_defines(files, model)
     defines['OWN_ADDRESS'] = f'"{arguments.address}"'
     if version == 6:
         defines['IO_FIRST_OUTPUT_BYTE'] = FIRST_OUTPUT_BYTE_6

@@ -306,6 +306,13 @@ class Driver:
             self.fault(f'implausible joint state: {error}')
             return
         self._joints_missing.restart(now)
+        if (joint := self.robot.moved_beyond_model(positions)) is not None:
+            _log.warning(
+                'joint %d of the controller moves, but the model (%s) lacks it: it is neither '
+                'published nor checked',
+                joint,
+                self.configuration.configured_as,
+            )
         if sample is None:
             return
         self._events.on_joints(sample)

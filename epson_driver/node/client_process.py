@@ -8,7 +8,9 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, Protocol
 
 import rclpy
@@ -21,6 +23,7 @@ from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_process import RosLogHandler, RosThread, udp_by_default
 from epson_driver.processes.command import raise_priority
 from epson_driver.processes.interrupt import ended_by_signals, ignore_interrupts
+from epson_driver.setup.robot_file import fits_node, node_sections
 
 DEFAULT_NAME = 'epson_driver'
 
@@ -125,7 +128,22 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
         logger.fatal(
             f'{", ".join(twice)}: two robots have this name, so give each its own --namespace'
         )
+    for sentence in _unused_files(sys.argv, names):
+        logger.warning(sentence)
     return not twice
+
+
+def _unused_files(words: Sequence[str], names: Sequence[str]) -> Iterator[str]:
+    """Yield a warning for each parameter file in a command line with nothing for these nodes."""
+    for option, path in pairwise(words):
+        if option != '--params-file':
+            continue
+        sections = node_sections(Path(path))  # rcl has read it
+        if not any(fits_node(section, name) for section in sections for name in names):
+            yield (
+                f'{path} is ignored: it has parameters for {", ".join(sections) or "no node"}, '
+                f'not for {", ".join(names)}'
+            )
 
 
 def _run(nodes: Sequence[Node], make: Make) -> int:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -105,7 +106,7 @@ def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
     """Declare the parameters of rows, like `declare`, and return their values by name."""
     values = {}
     for row in rows:
-        value = node.declare_parameter(row.name, row.default, descriptor(row)).value
+        value = _declared(node, row)
         if isinstance(row.default, list):
             value = list(value or ())  # rclpy has None for []
         if value is None:
@@ -113,6 +114,23 @@ def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
         row.allowed.checked(value, f'parameter {row.name}')
         values[row.name] = value
     return values
+
+
+def _declared(node: Node, row: Row) -> Any:
+    """Declare a parameter. A whole number is accepted for a double, also in a list."""
+    try:
+        return node.declare_parameter(row.name, row.default, descriptor(row)).value
+    except InvalidParameterTypeException:
+        given = node.declare_parameter(row.name, None, ParameterDescriptor(dynamic_typing=True))
+        node.undeclare_parameter(row.name)
+        kinds = given.type_, Parameter(row.name, value=row.default).type_
+        if kinds == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
+            exact: Any = float(given.value)
+        elif kinds == (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY):
+            exact = [float(value) for value in given.value]
+        else:
+            raise
+        return node.declare_parameter(row.name, exact, descriptor(row), ignore_override=True).value
 
 
 def _loaded(name: str, values: dict[str, Any], load: Callable[[str], Loaded]) -> Loaded:

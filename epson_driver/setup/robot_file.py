@@ -5,7 +5,8 @@
 `epson_driver connect` writes it. It is a ROS parameter file, so `--params-file` accepts it, too.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ KEYS = (
 )
 """Settings in the file."""
 
-_NODES, _PARAMETERS = '/**', 'ros__parameters'
+NODES, PARAMETERS = '/**', 'ros__parameters'
 
 
 def is_robot_file(name: str) -> bool:
@@ -33,11 +34,9 @@ def robot_settings(name: str) -> dict[str, Any]:
     from epson_driver.setup.table import ROWS  # imported with the first file, to start fast
 
     path = Path(name)
-    content: Any = read_yaml(path)
-    for key in (_NODES, _PARAMETERS):
-        content = content.get(key) if isinstance(content, dict) else None
-    if not isinstance(content, dict) or 'robot_ip' not in content:
-        rule = f'must have {_NODES}, {_PARAMETERS} and robot_ip, as `epson_driver connect` writes'
+    content = node_sections(path).get(NODES, {})
+    if 'robot_ip' not in content:
+        rule = f'must have {NODES}, {PARAMETERS} and robot_ip, as `epson_driver connect` writes'
         raise InputError(f'{printable(path)}: {rule}')
     for key, value in content.items():
         where = f'{printable(path)}: {key}'
@@ -51,5 +50,31 @@ def robot_text(settings: Mapping[str, Any], about: str) -> str:
     """Return the text of a robot's file. about: a line about its origin."""
     import yaml
 
-    content = {_NODES: {_PARAMETERS: dict(settings)}}
+    content = {NODES: {PARAMETERS: dict(settings)}}
     return f'# {about}\n{yaml.safe_dump(content, sort_keys=False, allow_unicode=True)}'
+
+
+def node_sections(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters in a file by node name, which may contain the wildcards * and **.
+
+    Raises InputError if the file is not YAML.
+    """
+    content = read_yaml(path)
+    return dict(_sections(content)) if isinstance(content, Mapping) else {}
+
+
+def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the node names and parameters in a file. Nodes may be nested by namespace."""
+    for name, value in content.items():
+        if not isinstance(value, Mapping):
+            continue
+        if name == PARAMETERS:
+            yield above or NODES, dict(value)
+        else:
+            yield from _sections(value, f'{above}/{str(name).strip("/")}')
+
+
+def fits_node(pattern: str, node: str) -> bool:
+    """Return whether a pattern matches a node name. `*`: one part of it, `**`: any number."""
+    expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
+    return re.fullmatch(expression, node) is not None

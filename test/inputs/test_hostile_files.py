@@ -23,7 +23,6 @@ from support.examples import one_in
 from support.longer_arm import arm_file
 from support.recorded_run import usual_run
 
-from epson_driver.bringup.params_file import node_sections
 from epson_driver.error_texts import load_error_texts, read_error_texts
 from epson_driver.first_run.book import DONE, Entry, FirstRunRecord, likeness, load
 from epson_driver.first_run.steps import StepResult
@@ -37,6 +36,7 @@ from epson_driver.report.smooth_study import save_picture
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.limit_files import file_limits
+from epson_driver.setup.robot_file import node_sections
 from epson_driver.share import share_path
 from epson_driver.spel import read_answers, read_project
 from epson_driver.spel.errors import SpelError

@@ -9,7 +9,7 @@ import logging
 import pytest
 
 from epson_driver.node import client_process
-from epson_driver.node.client_process import Failures, _drive, _report_ended
+from epson_driver.node.client_process import Failures, _drive, _report_ended, _unused_files
 
 
 @pytest.fixture
@@ -46,6 +46,15 @@ def test_thread_failure_after_the_loop_s_end_is_logged(caplog):
     reporter.in_thread('the thread rclpy ended', ZeroDivisionError('made for this test'))
     assert reporter.happened.is_set()
     assert 'the thread rclpy ended' in caplog.text
+
+
+def test_parameter_file_without_a_section_for_the_nodes_is_reported(tmp_path):
+    file = tmp_path / 'cell.yaml'
+    file.write_text('other:\n  ros__parameters: {robot_ip: 127.0.0.2}\n')
+    words = ['client', '--ros-args', '--params-file', str(file)]
+    (sentence,) = _unused_files(words, ['/epson_driver'])
+    assert sentence.endswith('it has parameters for /other, not for /epson_driver')
+    assert not list(_unused_files(words, ['/epson_driver', '/other']))
 
 
 @pytest.mark.invariant(9)

@@ -5,6 +5,7 @@
 import contextlib
 import re
 
+import numpy as np
 import pytest
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -185,6 +186,27 @@ def test_wrong_type_is_rejected(node):
         declare(node(motion_port='eleven'))
 
 
+@pytest.mark.parametrize(
+    ('name', 'given', 'value'),
+    [
+        ('state_timeout', 2, 2.0),
+        ('joint_offsets', '[0, 1, 0, 0, 0, 0]', [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_whole_number_is_accepted_for_a_double(node, name, given, value):
+    made = node(**{name: given})
+    values = declare(made)
+    assert values[name] == value
+    assert {type(item) for item in np.ravel(values[name]).tolist()} == {float}
+    assert made.describe_parameter(name).type == Parameter.Type.from_parameter_value(value).value
+
+
+@pytest.mark.parametrize('given', ['true', 'two', '[1, 2]'])
+def test_other_types_are_refused_for_a_double(node, given):
+    with pytest.raises(ParameterException, match='state_timeout'):
+        declare(node(state_timeout=given))
+
+
 def test_each_joint_name_has_its_parameters(node):
     values = declare(node(joint_names='[b, a]', constraints__b__goal=0.5))
     assert values['joint_names'] == ['b', 'a']
@@ -219,7 +241,7 @@ def test_custom_controller_profile_is_used(node, tmp_path):
 
 def test_unknown_controller_lists_the_known_ones(node):
     with pytest.raises(
-        InputError, match=r'^parameter controller = .rc1.: no rc1\.yaml .*simulated'
+        InputError, match=r'^parameter controller = .rc1.: no controller profile rc1: .*simulated'
     ):
         declare(node(controller='rc1'))
 

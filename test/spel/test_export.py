@@ -97,10 +97,8 @@ def test_export_is_reproducible() -> None:
     assert exported('a', FILES, 7, WHEN) == exported('a', FILES, 7, WHEN)
 
 
-def export_into(folder: Path) -> int:
-    return export(
-        Namespace(folder=folder, robot='c3_a601s', controller='rc620', address='10.0.0.2')
-    )
+def export_into(folder: Path, robot: str = 'c3_a601s', controller: str = 'rc620') -> int:
+    return export(Namespace(folder=folder, robot=robot, controller=controller, address='10.0.0.2'))
 
 
 def test_export_needs_a_new_folder(tmp_path: Path) -> None:
@@ -110,6 +108,22 @@ def test_export_needs_a_new_folder(tmp_path: Path) -> None:
     assert '#define IO_FIRST_OUTPUT_BYTE 0\n' in config  # p953: RC+ 6 assigns none
     with pytest.raises(InputError, match='must be a new or empty folder'):
         export_into(tmp_path / 'Cell_1')
+
+
+@pytest.mark.parametrize(
+    ('robot', 'controller', 'text'),
+    [
+        ('t6_602s', 'rc90', 'must be t, built into its base'),
+        ('vt6_a901s', 't', 'must be vt, built into its base'),
+        ('c4_a601s', 'vt', 'must be another one'),
+    ],
+)
+def test_controller_that_the_model_never_had_is_refused(
+    tmp_path: Path, robot: str, controller: str, text: str
+) -> None:
+    with pytest.raises(InputError, match=f'^--controller {controller}: .*{robot} {text}'):
+        export_into(tmp_path / 'Cell', robot, controller)
+    assert export_into(tmp_path / 'Own', 't6_602s', 't') == 0
 
 
 @pytest.mark.parametrize('name', ['Zelle_ö', 'my "cell"', 'x' * 25])

@@ -52,6 +52,9 @@ class PauseDetector:
 MAX_ARRIVALS = 2048
 """Maximum number of arrival times stored for diagnostics: two seconds at 1 kHz."""
 
+JOINT_MOVED = 1e-3
+"""Change of a joint that the model lacks, rad or m, from which on it counts as moving."""
+
 MAX_POSE_AGE_S = 0.3
 MAX_POSE_AGE_SLOTS = 6
 """Maximum age of the joint positions, in s or in message periods, whichever is longer. Older ones
@@ -153,6 +156,8 @@ class RobotState:
         self._clock: SenderClock | RequestClock = clock(self._rules.period)
         self._velocity = JointVelocity()
         self._before: Values | None = None
+        self._others: Values | None = ()
+        """First positions of the joints that the model lacks. None: one of them has moved."""
         self._measured = 0.0
         self._received = self._calm_until = 0.0
         self._calm = CALM_MESSAGES
@@ -196,6 +201,19 @@ class RobotState:
             self.bounded += 1
         self.sample = JointSample(now, np.array(positions), np.array(rates), clock.measured)
         return self.sample
+
+    def moved_beyond_model(self, data: tuple[float, ...]) -> int | None:
+        """Return the number of a joint that the model lacks when it moves first, else None."""
+        others = data[self._joints :]
+        if self._others is None or others == self._others:
+            return None
+        steps = [abs(new - old) for new, old in zip(others, self._others, strict=False)]
+        self._others = self._others or others
+        for joint, step in enumerate(steps, self._joints + 1):
+            if step > JOINT_MOVED:
+                self._others = None
+                return joint
+        return None
 
     def on_status(self, status: Status, now: float) -> None:
         """Process a STATUS message."""

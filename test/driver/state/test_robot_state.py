@@ -121,6 +121,20 @@ def test_non_finite_value_of_an_unused_joint_is_ignored():
 
 
 @pytest.mark.invariant(6)
+def test_moving_joint_beyond_the_model_is_found_once():
+    state = RobotState(6)
+    data = [*[0.0] * 6, 0.2, *[0.0] * 3]
+    assert state.moved_beyond_model(tuple(data)) is None
+    data[6] += 0.0005  # noise
+    assert state.moved_beyond_model(tuple(data)) is None
+    data[6] += 0.001
+    assert state.moved_beyond_model(tuple(data)) == 7
+    data[6] += 0.001
+    assert state.moved_beyond_model(tuple(data)) is None
+    state.clear()
+    assert state.moved_beyond_model(tuple(data)) is None
+
+
 def test_inv6_clear_removes_all_state():
     state = RobotState(1)
     feed(state, lambda t: 3.0 * t, 1.0)
