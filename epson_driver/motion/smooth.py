@@ -42,7 +42,7 @@ def smooth(
         shape = f'(k, {len(limits.names)}), one column for each of {", ".join(limits.names)}'
         raise ValueError(f'waypoints have the shape {positions.shape}: must be {shape}')
     count = len(positions)
-    planned = np.asarray(np.arange(count) * 1e3 if times is None else times, dtype=np.float64)
+    planned = np.asarray(np.arange(count) * 0.5 if times is None else times, dtype=np.float64)
     if planned.shape != (count,):
         raise ValueError(f'times have the shape {planned.shape}: must be ({count},)')
     trajectory = Trajectory(limits.names, planned, positions)

@@ -145,6 +145,13 @@ def test_slow_arms_on_long_segments_respect_their_velocity(seeds: range) -> None
         assert motion.duration <= 1.01 * stop_and_go(waypoints, limits).duration
 
 
+def test_many_points_without_times_are_smoothed() -> None:
+    """`smooth` once gave them times of its own that passed the longest duration of a plan."""
+    points = np.linspace(ZIGZAG[0], ZIGZAG[1], 120)
+    motion = smooth(points, SLOW)
+    assert np.abs(motion.positions[-1] - ZIGZAG[1]).max() <= 1e-9
+
+
 def test_motion_bends_little_more_than_the_spline() -> None:
     zeros = np.zeros((1, 3))
     knots = Knots(np.zeros(1), ZIGZAG[:1], zeros, zeros)
