@@ -95,9 +95,9 @@ async def _check(
         if not tell_look(seen, findings):
             return None
         arguments.controller, arguments.robot = seen.profile, seen.model or None
-    asked = question(arguments, arguments.seconds, arguments.ask, arguments.io)
+    checks = question(arguments, arguments.seconds, arguments.ask, arguments.io)
     ask = partial(_asked, before) if arguments.jog else None
-    return await check_controller(asked, findings, ask), asked.model
+    return await check_controller(checks, findings, ask), checks.model
 
 
 async def _asked(before: Callable[[], None], sentence: str) -> str:
@@ -154,7 +154,7 @@ def _finish(
 
 def tell(console: Console, finding: Finding) -> None:
     """Print a finding, and its remedy on another line. A terminal wraps both at words."""
-    about, result = escape(printable(finding.about)), escape(printable(finding.found))
+    about, result = escape(printable(finding.about)), escape(printable(finding.text))
     level = f'[{COLOURS[finding.level]}]{finding.level.value:8}[/]'
     rows = [(level, f'[bold]{about}[/]: {result}')]
     if finding.remedy:

@@ -31,13 +31,13 @@ def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
 
 async def look(arguments: argparse.Namespace) -> Look:
     """Look at the controller. The profile and the model that were given replace those found."""
-    found = await look_at(
+    result = await look_at(
         arguments.address, arguments.password, arguments.remote_port, arguments.state_port
     )
-    found.model = arguments.robot or found.model
+    result.model = arguments.robot or result.model
     if arguments.controller:
-        found.profile, found.why = arguments.controller, 'it was given'
-    return found
+        result.profile, result.why = arguments.controller, 'it was given'
+    return result
 
 
 def question(
@@ -47,8 +47,8 @@ def question(
     profile = load_controller_profile(arguments.controller)
 
     def port(name: str) -> int:
-        given = getattr(arguments, f'{name}_port')
-        return int(getattr(profile.ports, name) if given is None else given)
+        option = getattr(arguments, f'{name}_port')
+        return int(getattr(profile.ports, name) if option is None else option)
 
     return Question(
         host=arguments.address,

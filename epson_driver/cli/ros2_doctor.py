@@ -21,7 +21,7 @@ class EpsonDriverCheck(DoctorCheck):  # type: ignore[misc]
         result = Result()
 
         def add(finding: Finding) -> None:
-            text = f'{finding.about}: {finding.found}; {finding.remedy}'
+            text = f'{finding.about}: {finding.text}; {finding.remedy}'
             if finding.level is Level.WRONG:
                 doctor_error(text)
                 result.add_error()

@@ -157,9 +157,9 @@ def _table(study: SmoothingComparison, planned: str, look_ahead: float) -> Table
     duration = f'{ours.duration:.3f} s ({known})'
     commanded = 'the plan has no times'
     if study.timed:
-        asked = study.plan.duration - float(study.plan.times[0])
-        ratio = f', {ours.duration / asked:.3f} times' if asked > 0.0 else ''
-        commanded = f'{asked:.3f} s{ratio}'
+        commanded_s = study.plan.duration - float(study.plan.times[0])
+        ratio = f', {ours.duration / commanded_s:.3f} times' if commanded_s > 0.0 else ''
+        commanded = f'{commanded_s:.3f} s{ratio}'
     stops = f'{ours.stops}'
     if ours.commanded_stops:
         stops += f', and {ours.commanded_stops} in the plan'

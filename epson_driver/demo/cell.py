@@ -95,13 +95,13 @@ ENVIRONMENT = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 
 @contextlib.contextmanager
 def panel_beside(
-    folder: Path, driver: RunningDriver, console: Console, *, wanted: bool
+    folder: Path, driver: RunningDriver, console: Console, *, enabled: bool
 ) -> Iterator[str | None]:
     """Run the panel during the block, if wanted and installed, and yield its address.
 
     Raises RunError with its output if it does not start.
     """
-    if not wanted:
+    if not enabled:
         yield None
         return
     if missing():

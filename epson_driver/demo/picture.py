@@ -99,14 +99,14 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: Joi
 
 def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fastest: str) -> None:
     run, figures = drawn.run, drawn.figures
-    shown = run.times >= figures.begin - 0.2
-    times = run.times[shown] - figures.begin
+    shown = run.times >= figures.start - 0.2
+    times = run.times[shown] - figures.start
     marker = 4.0 if len(trajectory.times) <= 60 else 1.5
     for joint, name in enumerate(trajectory.joint_names):
         colour = COLOURS[joint % len(COLOURS)]
         above.plot(times, run.positions[shown, joint], color=colour, label=name, linewidth=1.5)
         above.plot(
-            figures.waypoint_times - figures.begin,
+            figures.waypoint_times - figures.start,
             trajectory.positions[:, joint],
             'o',
             color=colour,

@@ -194,7 +194,7 @@ def _executed(
                 trace_folder=str(folder),
                 trace_file=TRACE,
             ) as driver,
-            panel_beside(folder, driver, console, wanted=staying) as panel,
+            panel_beside(folder, driver, console, enabled=staying) as panel,
         ):
             user = driver.user
             missed = deadlines_missed(ports.remote)

@@ -59,7 +59,7 @@ IO_KEYS = {
 
 def why_not_to_ask(state: Conversation) -> str:
     """Return why the motion port must not be used now, or '' if it may be used."""
-    status = latest_status(state.heard)
+    status = latest_status(state.traffic)
     if status is None:
         return 'no STATUS received, so it is unknown whether the motors are off'
     if status.in_motion == TriState.TRUE:
@@ -74,11 +74,11 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
     facts: Facts = {}
     try:
         async with conversation(host, port) as motion:
-            motion.link.dialect = state.heard.packets[0][1].dialect
+            motion.link.dialect = state.traffic.packets[0][1].dialect
             clock = asyncio.get_running_loop().time
-            asked = clock()
+            sent = clock()
             reply = await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
-            took = f'{(clock() - asked) * 1e3:.1f} ms'
+            took = f'{(clock() - sent) * 1e3:.1f} ms'
             if reply is None:
                 _tell_of_silence(motion, findings)
                 return facts
@@ -101,8 +101,8 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
 
 
 def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
-    if motion.heard.ended:
-        text = f'{motion.heard.ended} immediately: another client is connected'
+    if motion.traffic.ended:
+        text = f'{motion.traffic.ended} immediately: another client is connected'
         findings.doubt = 'another client is connected to the motion port'
         remedy = f'if it is not the driver, stop it (such as the ROS 1 node), or {RESTART}'
         findings.note('motion port', text, remedy)
@@ -131,7 +131,7 @@ async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
     facts: Facts = {} if answered is None else {'program.special_sequences': 'all'}
-    here = latest_joints(state.heard)
+    here = latest_joints(state.traffic)
     if here is None or why_not_to_ask(state):
         return facts
     point = JointTrajPt(0, joint_data(here), SLOW_VELOCITY, SLOW_DURATION_S)
@@ -177,14 +177,14 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
     """
     try:
         async with conversation(host, port) as io:
-            io.link.dialect = state.heard.packets[0][1].dialect
+            io.link.dialect = state.traffic.packets[0][1].dialect
             reply = await io.ask(IoInfo(1), REPLY_TIMEOUT_S)
     except NoConnectionError as error:
         remedy = 'start the I/O program, or set io_port to 0'
         findings.wrong('I/O port', f'{host}:{port}: {error}', remedy)
         return {}
     if reply is None or not isinstance(reply.message, IoInfoReply):
-        silent = io.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
+        silent = io.traffic.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
         how = silent if reply is None else 'refused: its task is not running, or is stopped'
         remedy = f'stop the other client, or {RESTART}, or set io_port to 0 (no I/O)'
         findings.wrong('I/O port', f'IO_INFO: {how}', remedy)

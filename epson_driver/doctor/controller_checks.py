@@ -147,12 +147,12 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
     findings.busy('querying the remote port')
     texts = load_error_texts(question.profile.error_texts)
     units = question.model.limits.units
-    facts, held = await ask_remote_port(
+    facts, inhibits = await ask_remote_port(
         question.host, question.remote_port, question.password, findings, texts, False
     )
-    for item in held:
+    for item in inhibits:
         tell_inhibit(item, findings)
-    if not facts or held:
+    if not facts or inhibits:
         return {}
     try:
         report = await ask_joints(question.host, question.remote_port, question.password, units)
@@ -174,7 +174,7 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
 
 async def _check_state(question: Question, state: Conversation, findings: Findings) -> Facts:
     """Check the state port and return the facts, which may be empty."""
-    received = state.heard
+    received = state.traffic
     wall, monotonic = time.time(), time.monotonic()
     loop = asyncio.get_running_loop()
     began = loop.time()
@@ -192,9 +192,10 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     findings.busy(f'listening to the state port for {question.seconds:g} s')
     if await state.wait_for_traffic(latest_status, min(question.seconds - AT_ONCE_S, CONDITION_S)):
         facts = await _tell_why_not(question, state, findings)
-    ends = began + question.seconds
-    while (left := ends - loop.time()) > 0.0 and not await state.ended_within(min(left, 1.0)):
-        findings.busy(f'listening to the state port, {max(ends - loop.time(), 0.0):.0f} s more')
+    deadline = began + question.seconds
+    while (left := deadline - loop.time()) > 0.0 and not await state.ended_within(min(left, 1.0)):
+        rest = max(deadline - loop.time(), 0.0)
+        findings.busy(f'listening to the state port, {rest:.0f} s more')
     listened = loop.time() - began
     drift = (time.time() - wall) - (time.monotonic() - monotonic)
     findings.busy('evaluating the messages')
@@ -237,11 +238,11 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
 
     Returns the facts from Remote Ethernet.
     """
-    status = latest_status(state.heard) or Status()
+    status = latest_status(state.traffic) or Status()
     texts = load_error_texts(question.profile.error_texts)
     facts: Facts = {}
     seen = seen_inhibit(status, texts)
-    held = [] if seen is None else [seen]
+    inhibits = [] if seen is None else [seen]
     if question.may_ask and question.remote_port:
         findings.busy('querying the remote port')
         needs_main = question.profile.program.motors == 'restart'
@@ -251,36 +252,36 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
         unclear = seen is not None and seen.cause is Cause.NOT_POSSIBLE
         no_program = facts.get('program.motors') == 'remote_ethernet'
         if unclear and (report or no_program):
-            held, report = [], report or [MAIN_ENDED]
+            inhibits, report = [], report or [MAIN_ENDED]
         # STATUS covers E-stop, key and error as well: one line for each cause
-        known = {item.cause for item in held}
-        held = [item for item in report if item.cause not in known] + held
-    for element in held:
-        tell_inhibit(element, findings)
+        causes = {item.cause for item in inhibits}
+        inhibits = [item for item in report if item.cause not in causes] + inhibits
+    for item in inhibits:
+        tell_inhibit(item, findings)
     unknown = [name for name in NEEDED if getattr(status, name) == TriState.UNKNOWN]
-    if not held and unknown:
+    if not inhibits and unknown:
         text = f'unknown whether it can move: {", ".join(unknown)} UNKNOWN in STATUS'
         findings.doubt = text
         findings.note(ARM, text, 'check at the controller')
-    elif not held:
+    elif not inhibits:
         findings.ok(ARM, 'can move: motors on, no E-stop, no error, not at MANUAL')
     return facts
 
 
 def _wrong_unless_busy(
-    heard: ReceivedTraffic, findings: Findings, about: str, found: str, remedy: str
+    traffic: ReceivedTraffic, findings: Findings, about: str, text: str, remedy: str
 ) -> None:
     """Report a timing problem, or a note if this machine was too busy to be sure."""
-    if heard.lateness <= BUSY_S:
-        findings.wrong(about, found, remedy)
+    if traffic.lateness <= BUSY_S:
+        findings.wrong(about, text, remedy)
         return
     findings.doubt = 'this machine was too busy to judge the timing'
-    findings.note(about, found, f'repeat it with a lower load on this machine, then: {remedy}')
+    findings.note(about, text, f'repeat it with a lower load on this machine, then: {remedy}')
 
 
 def _tell_messages(state: Conversation, listened: float, findings: Findings) -> None:
-    received = state.heard
-    joints = [at for at, packet in received.packets if is_joints(packet)]
+    received = state.traffic
+    joints = [time for time, packet in received.packets if is_joints(packet)]
     others = len(received.packets) - len(joints)
     dialect = received.packets[0][1].dialect
     findings.ok('byte order', f'{dialect.byte_order.name.lower()}-endian, {dialect.real.name}')
@@ -291,10 +292,10 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
         _wrong_unless_busy(received, findings, 'joint states', text, remedy)
         return
     gap = float(np.diff(joints).max())
-    result = rhythm(joints, state.heard.lateness)
+    result = rhythm(joints, state.traffic.lateness)
     period = result or (joints[-1] - joints[0]) / (len(joints) - 1)
     text = f'{1.0 / period:.1f} Hz, longest gap {gap * 1e3:.0f} ms'
-    if gap > LONGEST_GAP_S + state.heard.lateness:
+    if gap > LONGEST_GAP_S + state.traffic.lateness:
         remedy = 'check the state task and the network'
         _wrong_unless_busy(received, findings, 'joint states', text, remedy)
     else:
@@ -310,7 +311,7 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
 
 
 def _tell_condition(question: Question, state: Conversation, findings: Findings) -> None:
-    joints, status = latest_joints(state.heard), latest_status(state.heard)
+    joints, status = latest_joints(state.traffic), latest_status(state.traffic)
     model = question.model
     if joints is not None:
         _check_positions(joints, model, findings)
@@ -377,11 +378,11 @@ def _compare(profile: ControllerProfile, facts: Facts, findings: Findings) -> No
     if not facts:
         return
     result = differences(facts, profile)
-    for key, value, held in result:
+    for key, value, expected in result:
         shown = value
-        if isinstance(value, float) and isinstance(held, float):
-            shown = f'{value:.4g} (tolerance {tolerance(value, held):.2g})'
-        text = f'{key} is {shown}, but {held} in the profile {profile.name}'
+        if isinstance(value, float) and isinstance(expected, float):
+            shown = f'{value:.4g} (tolerance {tolerance(value, expected):.2g})'
+        text = f'{key} is {shown}, but {expected} in the profile {profile.name}'
         remedy = 'select another profile, or create one: epson_driver doctor --learn FILE'
         findings.wrong('profile', text, remedy)
     if not result:

@@ -125,7 +125,7 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
 def _ask_ros(findings: Findings, environment: Mapping[str, str]) -> dict[str, Any] | None:
     """Import ROS in another process and return its report, or None if that fails."""
     try:
-        asked = subprocess.run(  # noqa: S603 - our own words
+        process = subprocess.run(  # noqa: S603 - our own words
             [*safe_python(), '-c', _ASK, *DEFINITIONS],
             capture_output=True,
             text=True,
@@ -138,10 +138,10 @@ def _ask_ros(findings: Findings, environment: Mapping[str, str]) -> dict[str, An
         findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION and the disk')
         return None
     try:
-        result: dict[str, Any] = json.loads(asked.stdout.rpartition('\n')[2])
+        result: dict[str, Any] = json.loads(process.stdout.rpartition('\n')[2])
     except ValueError:
-        last = (asked.stderr.strip().splitlines() or ['no output'])[-1]
-        text = f'importing ROS ended with {asked.returncode}: {last}'
+        last = (process.stderr.strip().splitlines() or ['no output'])[-1]
+        text = f'importing ROS ended with {process.returncode}: {last}'
         findings.wrong('ROS', text, 'check RMW_IMPLEMENTATION, source only one ROS distribution')
         return None
     return result
@@ -157,16 +157,16 @@ def _check_ros(findings: Findings, result: Mapping[str, Any]) -> None:
 
 
 def _check_definition(
-    findings: Findings, name: str, fields: Sequence[str], found: str | list[str]
+    findings: Findings, name: str, fields: Sequence[str], definition: str | list[str]
 ) -> None:
     about = name.replace('.', '/')
-    if isinstance(found, str):
+    if isinstance(definition, str):
         remedy = BUILD
-        if found.endswith(']'):  # it was imported, but it is another package of that name
+        if definition.endswith(']'):  # it was imported, but it is another package of that name
             remedy = f'{OTHER_PACKAGE}, or {BUILD}'
-        findings.wrong(about, found, remedy)
-    elif lacking := [field for field in fields if field not in found[1:]]:
-        text = f'the definition in {found[0]} lacks {", ".join(lacking)}'
+        findings.wrong(about, definition, remedy)
+    elif lacking := [field for field in fields if field not in definition[1:]]:
+        text = f'the definition in {definition[0]} lacks {", ".join(lacking)}'
         findings.wrong(about, text, OTHER_PACKAGE)
     else:
         findings.ok('ROS messages', f'{about} has all {len(fields)} required fields')

@@ -29,7 +29,7 @@ class Finding:
 
     level: Level
     about: str
-    found: str
+    text: str
     remedy: str = ''
 
 
@@ -53,21 +53,21 @@ class Findings:
         self.all.append(finding)
         self._tell(finding)
 
-    def ok(self, about: str, found: str) -> None:
+    def ok(self, about: str, text: str) -> None:
         """Report a correct state."""
-        self.add(Finding(Level.OK, about, found))
+        self.add(Finding(Level.OK, about, text))
 
-    def note(self, about: str, found: str, remedy: str = '') -> None:
+    def note(self, about: str, text: str, remedy: str = '') -> None:
         """Report a remark on a state that is not wrong."""
-        self.add(Finding(Level.NOTE, about, found, remedy))
+        self.add(Finding(Level.NOTE, about, text, remedy))
 
-    def wrong(self, about: str, found: str, remedy: str) -> None:
+    def wrong(self, about: str, text: str, remedy: str) -> None:
         """Report an error and its remedy."""
-        self.add(Finding(Level.WRONG, about, found, remedy))
+        self.add(Finding(Level.WRONG, about, text, remedy))
 
-    def held(self, about: str, found: str, remedy: str) -> None:
+    def held(self, about: str, text: str, remedy: str) -> None:
         """Report a reason why the arm cannot move, and its remedy."""
-        self.add(Finding(Level.HELD, about, found, remedy))
+        self.add(Finding(Level.HELD, about, text, remedy))
 
     def skipped(self, about: str, why: str, remedy: str = '') -> None:
         """Report a skipped check and the reason."""
@@ -82,10 +82,10 @@ class Findings:
     def verdict(self) -> str:
         """The summary in one sentence."""
         wrong = sum(item.level is Level.WRONG for item in self.all)
-        held = next((item for item in self.all if item.level is Level.HELD), None)
+        inhibit = next((item for item in self.all if item.level is Level.HELD), None)
         message = [f'{wrong} wrong'] if wrong else []
-        if held is not None:
-            message.append(f'the arm cannot move: {held.found}')
+        if inhibit is not None:
+            message.append(f'the arm cannot move: {inhibit.text}')
         elif self.doubt:
             message.append(self.doubt)
         return ', '.join(message) or 'nothing is wrong'
@@ -95,7 +95,7 @@ def as_text(findings: Findings, head: Sequence[str]) -> str:
     """Return the findings as a text file for a bug report."""
     lines = [*head, '']
     for item in findings.all:
-        lines.append(f'{item.level.value:8}{item.about}: {item.found}')
+        lines.append(f'{item.level.value:8}{item.about}: {item.text}')
         if item.remedy:
             lines.append(f'{"":8}-> {item.remedy}')
     return '\n'.join([*lines, '', findings.verdict]) + '\n'
@@ -129,11 +129,11 @@ WORDS = {
 }
 
 
-def tell_inhibit(found: Inhibit, findings: Findings, who: str = '') -> None:
+def tell_inhibit(inhibit: Inhibit, findings: Findings, driver: str = '') -> None:
     """Report a reason why the arm cannot move, from the driver `who`, or from the controller."""
-    remedy = WORDS.get(found.remedy, found.remedy.value)
-    about = who or ABOUT.get(found.cause, ARM)
-    findings.held(about, found.text, ', '.join(filter(None, (found.advice, remedy))))
+    remedy = WORDS.get(inhibit.remedy, inhibit.remedy.value)
+    about = driver or ABOUT.get(inhibit.cause, ARM)
+    findings.held(about, inhibit.text, ', '.join(filter(None, (inhibit.advice, remedy))))
 
 
 def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> None:

@@ -113,14 +113,14 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
     for key, value in facts.items():
         if key.startswith('ports.') or key in ('io', 'mode'):
             continue
-        held = value_of(profile, key)
-        same = held == value
-        if isinstance(value, float) and isinstance(held, float):
-            same = abs(value - held) <= tolerance(value, held)
-        if key == 'server.state_clients' or (key, held) in _SEEN_IN_PART:
+        expected = value_of(profile, key)
+        same = expected == value
+        if isinstance(value, float) and isinstance(expected, float):
+            same = abs(value - expected) <= tolerance(value, expected)
+        if key == 'server.state_clients' or (key, expected) in _SEEN_IN_PART:
             continue
         if not same:
-            result.append((key, value, held))
+            result.append((key, value, expected))
     return result
 
 
@@ -133,21 +133,21 @@ TOLERANCE_SHARE = 0.1
 """Relative tolerance of a measured time, in addition to its uncertainty."""
 
 
-def tolerance(value: float, held: float) -> float:
+def tolerance(value: float, expected: float) -> float:
     """Return the tolerance for a measured value against the profile's value."""
-    return TOLERANCE_SHARE * held + getattr(value, 'uncertainty', 0.0)
+    return TOLERANCE_SHARE * expected + getattr(value, 'uncertainty', 0.0)
 
 
 def value_of(profile: ControllerProfile, key: str) -> object:
     """Return a key of a profile in the form of a profile file."""
-    held: Any = profile
+    result: Any = profile
     for name in key.split('.'):
-        held = getattr(held, name)
+        result = getattr(result, name)
     if key == 'byte_order':
-        return 'little' if held.value == '<' else 'big'
+        return 'little' if result.value == '<' else 'big'
     if key == 'mode':
-        return held.name.lower()
-    return getattr(held, 'value', held)
+        return result.name.lower()
+    return getattr(result, 'value', result)
 
 
 def _rounded(value: object) -> object:

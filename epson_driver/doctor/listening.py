@@ -105,7 +105,7 @@ class Conversation:
     """One connection to a port of the controller, by the driver's own link."""
 
     def __init__(self, host: str, port: int, make: MakeLink) -> None:
-        self.heard = ReceivedTraffic()
+        self.traffic = ReceivedTraffic()
         self.port = port
         self.link = make(host, port, on_packet=self._take, on_state=self._change)
         self.link.trace = self._record
@@ -118,9 +118,9 @@ class Conversation:
 
     async def connected(self) -> None:
         """Wait until the connection is established. Raises NoConnectionError if that fails."""
-        await self._wait(lambda: self.link.connected or self.heard.ended)
+        await self._wait(lambda: self.link.connected or self.traffic.ended)
         if not self._established:
-            raise NoConnectionError(self.heard.ended, refusal_of(self.link.failure))
+            raise NoConnectionError(self.traffic.ended, refusal_of(self.link.failure))
 
     async def wait_for_traffic(
         self, enough: Callable[[ReceivedTraffic], object], seconds: float
@@ -128,23 +128,23 @@ class Conversation:
         """Wait up to `seconds` until `enough` is true of the traffic. Returns whether it is."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                await self._wait(lambda: enough(self.heard) or self.heard.ended)
-        return bool(enough(self.heard))
+                await self._wait(lambda: enough(self.traffic) or self.traffic.ended)
+        return bool(enough(self.traffic))
 
     async def ended_within(self, seconds: float) -> bool:
         """Wait up to `seconds`, and return whether the connection has ended."""
-        return await self.wait_for_traffic(lambda heard: heard.ended, seconds)
+        return await self.wait_for_traffic(lambda traffic: traffic.ended, seconds)
 
     async def another_packet(self, timeout: float) -> bool:
         """Wait for another packet, and return whether it has arrived in time."""
-        count = len(self.heard.packets)
-        return await self.wait_for_traffic(lambda heard: len(heard.packets) > count, timeout)
+        count = len(self.traffic.packets)
+        return await self.wait_for_traffic(lambda traffic: len(traffic.packets) > count, timeout)
 
     async def ask(self, message: Message, timeout: float) -> Packet | None:
         """Send a request and return the next reply, or None if none arrives in time."""
         self._reply = reply = asyncio.get_running_loop().create_future()
         self.post(message)
-        await self.wait_for_traffic(lambda heard: reply.done(), timeout)
+        await self.wait_for_traffic(lambda traffic: reply.done(), timeout)
         self._reply = None
         return reply.result() if reply.done() else None
 
@@ -156,7 +156,7 @@ class Conversation:
     def restart(self) -> None:
         """Forget the traffic of an open connection, and record it with the current recorder."""
         self._finish()
-        self.heard.packets.clear()
+        self.traffic.packets.clear()
         if self.link.addresses is not None:
             self._record(WireEvent.OPENED, b'')
 
@@ -171,7 +171,7 @@ class Conversation:
         """Run the link until its connection has ended."""
         link = asyncio.create_task(self.link.run())
         try:
-            await self._wait(lambda: self.heard.ended)
+            await self._wait(lambda: self.traffic.ended)
         finally:
             link.cancel()
             await asyncio.gather(link, return_exceptions=True)
@@ -181,7 +181,7 @@ class Conversation:
         while True:
             due = clock() + TICK_S
             await asyncio.sleep(TICK_S)
-            self.heard.lateness = max(self.heard.lateness, clock() - due)
+            self.traffic.lateness = max(self.traffic.lateness, clock() - due)
 
     async def _wait(self, condition: Callable[[], object]) -> None:
         while not condition():
@@ -190,8 +190,8 @@ class Conversation:
 
     def _change(self, state: LinkState, why: str) -> None:
         self._established |= state is LinkState.CONNECTED
-        if state is LinkState.BACKING_OFF and not self.heard.ended:
-            self.heard.ended = why.removeprefix(f'{self.link.host}:{self.port}: ')
+        if state is LinkState.BACKING_OFF and not self.traffic.ended:
+            self.traffic.ended = why.removeprefix(f'{self.link.host}:{self.port}: ')
         self._tell()
 
     def _tell(self) -> None:
@@ -200,8 +200,8 @@ class Conversation:
         self._news = asyncio.Event()
 
     def _take(self, packet: Packet) -> None:
-        if len(self.heard.packets) < MAX_KEPT:
-            self.heard.packets.append((self.link.last_received, packet))
+        if len(self.traffic.packets) < MAX_KEPT:
+            self.traffic.packets.append((self.link.last_received, packet))
         reply = self._reply
         if reply is not None and packet.comm_type is CommType.SERVICE_REPLY and not reply.done():
             reply.set_result(packet)
@@ -209,20 +209,20 @@ class Conversation:
 
     def _record(self, event: WireEvent, data: bytes) -> None:
         """Record a step of the connection."""
-        now, heard = time.time_ns(), self.heard
+        now, traffic = time.time_ns(), self.traffic
         if event is WireEvent.OPENED:
-            heard.handshake = heard.handshake or self.link.last_received - self._began
+            traffic.handshake = traffic.handshake or self.link.last_received - self._began
             recorder, ends = TRACE.get(), self.link.addresses
             self._trace = WireTrace(recorder, *ends, now) if recorder and ends else None
         elif event is WireEvent.RECEIVED:
-            heard.first_bytes = heard.first_bytes or data[:64]
-        heard.unreadable = heard.unreadable or self.link.statistics.last_bad_frame
+            traffic.first_bytes = traffic.first_bytes or data[:64]
+        traffic.unreadable = traffic.unreadable or self.link.statistics.last_bad_frame
         if self._trace is not None and data:
             self._trace.data(now, data, from_client=event is WireEvent.SENT)
 
     def _finish(self) -> None:
         if self._trace is not None:
-            self._trace.finish(time.time_ns(), from_client=not self.heard.ended)
+            self._trace.finish(time.time_ns(), from_client=not self.traffic.ended)
             self._trace = None
 
 
@@ -240,19 +240,22 @@ async def opened(
     closes first is retried, too. make: creates another link than that of simple message.
     """
     clock = asyncio.get_running_loop().time
-    until = clock() + REOPENED_S
+    deadline = clock() + REOPENED_S
     while True:
         made = Conversation(host, port, make)
         try:
             await made.connected()
             if sends:
-                await made.wait_for_traffic(lambda heard: heard.packets, FIRST_BYTES_S)
-            if not (sends and made.heard.ended and not made.heard.first_bytes) or clock() > until:
+                await made.wait_for_traffic(lambda traffic: traffic.packets, FIRST_BYTES_S)
+            if (
+                not (sends and made.traffic.ended and not made.traffic.first_bytes)
+                or clock() > deadline
+            ):
                 return made
         except BaseException as error:
             await made.close()
             refused = isinstance(error, NoConnectionError) and error.refusal is Refusal.REFUSED
-            if not refused or clock() > until:
+            if not refused or clock() > deadline:
                 raise
         await made.close()
         await asyncio.sleep(RETRY_S)

@@ -72,10 +72,10 @@ async def look_at(
     """Look at a controller. A port of None is the usual one, of 0 is not opened."""
     look = Look(host, REMOTE_PORT if remote_port is None else remote_port)
     states = STATE_PORTS if state_port is None else {state_port: STATE_PORTS[11002]}
-    listening = asyncio.gather(*(_listen(look, port) for port in states if port))
-    controller, heard = await asyncio.gather(_ask_remote(look, password), listening)
+    listeners = asyncio.gather(*(_listen(look, port) for port in states if port))
+    controller, received = await asyncio.gather(_ask_remote(look, password), listeners)
     remote = controller is not None
-    for (port, profiles), traffic in zip(states.items(), heard, strict=False):
+    for (port, profiles), traffic in zip(states.items(), received, strict=False):
         if traffic is not None and not look.state_port:
             look.state_port = port
             look.profile = _nearest(traffic, WITH_REMOTE if remote else profiles)
@@ -127,10 +127,10 @@ async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
         look.answers[port] = error.refusal.value[0]
         look.refusals.append(error.refusal)
         return None
-    if has_joints(state.heard):
+    if has_joints(state.traffic):
         look.answers[port] = 'joint states'
-        return state.heard
-    look.answers[port] = state.heard.ended or 'something else than a robot controller'
+        return state.traffic
+    look.answers[port] = state.traffic.ended or 'something else than a robot controller'
     return None
 
 

@@ -40,7 +40,7 @@ async def tell_of_no_state(
 
     `motion`: host and port of the motion port, which is checked if this port is silent.
     """
-    received = state.heard
+    received = state.traffic
     if received.unreadable:
         start = received.first_bytes[:24].hex()
         text = f'another program replies there: {received.unreadable} ({start})'
@@ -93,11 +93,11 @@ async def _sends_state(host: str, port: int) -> bool:
         return False
 
 
-def has_joints(heard: ReceivedTraffic) -> bool:
+def has_joints(traffic: ReceivedTraffic) -> bool:
     """Return whether a joint state was received."""
-    return any(is_joints(item) for _, item in heard.packets)
+    return any(is_joints(item) for _, item in traffic.packets)
 
 
-def silence(heard: ReceivedTraffic) -> float:
+def silence(traffic: ReceivedTraffic) -> float:
     """Return the time since the last message, s."""
-    return asyncio.get_running_loop().time() - heard.packets[-1][0]
+    return asyncio.get_running_loop().time() - traffic.packets[-1][0]

@@ -124,7 +124,7 @@ async def _standing(state: Conversation, joints: int) -> Array | None:
     if not await state.another_packet(NEXT_STATE_TIMEOUT_S):
         return None
     await asyncio.sleep(0.2)  # a joint state, not only a STATUS, has arrived by this time
-    result = latest_joints(state.heard)
+    result = latest_joints(state.traffic)
     if result is None or not np.all(np.isfinite(result[:joints])):
         return None
     return np.array(result[:joints])

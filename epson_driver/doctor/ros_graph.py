@@ -38,9 +38,9 @@ def main() -> int:
         DiagnosticArray, '/diagnostics', lambda message: _take(message, drivers), 10
     )
     try:
-        until = time.monotonic() + timeout
-        while (left := until - time.monotonic()) > 0.0:  # a driver reports once a second
-            executor.spin_once(timeout_sec=left)
+        deadline = time.monotonic() + timeout
+        while (time_left := deadline - time.monotonic()) > 0.0:  # a driver reports once a second
+            executor.spin_once(timeout_sec=time_left)
         result = {'moveit': _joints(node, executor), 'drivers': list(drivers.values())}
         print(json.dumps(result))
     finally:
@@ -71,9 +71,9 @@ def _joints(node: Any, executor: Any) -> list[str] | None:
     if not match:
         return None
     client = node.create_client(GetParameters, f'{match[0]}/get_parameters')
-    asked = client.call_async(GetParameters.Request(names=['robot_description']))
-    executor.spin_until_future_complete(asked, timeout_sec=10.0)
-    answer = asked.result()
+    request = client.call_async(GetParameters.Request(names=['robot_description']))
+    executor.spin_until_future_complete(request, timeout_sec=10.0)
+    answer = request.result()
     if answer is None or not answer.values:
         return []
     return joints_of(answer.values[0].string_value)

@@ -33,16 +33,16 @@ UNEVEN_SHARE = 0.25
 """Maximum uncertainty of a measured period, as a share of it. Beyond it, the period is omitted."""
 
 
-def state_facts(heard: ReceivedTraffic) -> Facts:
+def state_facts(traffic: ReceivedTraffic) -> Facts:
     """Return the facts that are certain from the received messages, by key.
 
     At least one message is required.
     """
     facts: Facts = {}
-    packets = heard.packets
+    packets = traffic.packets
     order = packets[0][1].dialect.byte_order
     facts['byte_order'] = 'little' if order is ByteOrder.LITTLE else 'big'
-    joints = [(at, p.message) for at, p in packets if is_joints(p)]
+    joints = [(time, p.message) for time, p in packets if is_joints(p)]
     statuses = [p.message for _, p in packets if isinstance(p.message, Status)]
     feedback = [m for _, m in joints if isinstance(m, JointFeedback)]
     if joints:
@@ -54,7 +54,7 @@ def state_facts(heard: ReceivedTraffic) -> Facts:
         if mode in (Mode.MANUAL, Mode.AUTO):
             facts['mode'] = 'auto' if mode == Mode.AUTO else 'manual'
     if len(joints) >= MIN_JOINTS and len(statuses) >= MIN_STATUSES:
-        facts |= _rhythm(heard)
+        facts |= _rhythm(traffic)
     return facts
 
 
@@ -63,9 +63,9 @@ def is_joints(packet: Packet) -> bool:
     return isinstance(packet.message, JointPosition | JointFeedback)
 
 
-def latest_joints(heard: ReceivedTraffic) -> tuple[float, ...] | None:
+def latest_joints(traffic: ReceivedTraffic) -> tuple[float, ...] | None:
     """Return the ten joint values received last, rad or m, or None."""
-    for _, packet in reversed(heard.packets):
+    for _, packet in reversed(traffic.packets):
         if isinstance(packet.message, JointPosition):
             return packet.message.joints
         if isinstance(packet.message, JointFeedback):
@@ -73,9 +73,9 @@ def latest_joints(heard: ReceivedTraffic) -> tuple[float, ...] | None:
     return None
 
 
-def latest_status(heard: ReceivedTraffic) -> Status | None:
+def latest_status(traffic: ReceivedTraffic) -> Status | None:
     """Return the STATUS received last, or None."""
-    for _, packet in reversed(heard.packets):
+    for _, packet in reversed(traffic.packets):
         if isinstance(packet.message, Status):
             return packet.message
     return None
@@ -109,16 +109,16 @@ def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
     return Measured(statistics.median(slopes), spread + lateness / half)
 
 
-def _rhythm(heard: ReceivedTraffic) -> Facts:
+def _rhythm(traffic: ReceivedTraffic) -> Facts:
     """Return the facts on timing: the period of the state task, and the joint states per STATUS.
 
     A STATUS is sent together with a joint state, or in a cycle without one. Facts that bursts or
     this machine's lateness leave uncertain are omitted.
     """
-    kinds = [(at, is_joints(packet)) for at, packet in heard.packets]
+    kinds = [(time, is_joints(packet)) for time, packet in traffic.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]
     fraction = Counter(b - a - 1 for a, b in itertools.pairwise(at_status)).most_common(1)[0][0]
-    result = rhythm([at for at, joints in kinds if joints], heard.lateness)
+    result = rhythm([time for time, joints in kinds if joints], traffic.lateness)
     if fraction < 1 or result is None or result <= 0.0:
         return {}
     after = [kinds[i][0] - kinds[i - 1][0] for i in at_status if i and kinds[i - 1][1]]

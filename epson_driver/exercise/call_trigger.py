@@ -21,7 +21,7 @@ RETRY_S = 0.5
 def main() -> int:
     """Call the service. Returns 0 once it succeeds."""
     name, seconds = sys.argv[1], float(sys.argv[2])
-    until = time.monotonic() + seconds
+    deadline = time.monotonic() + seconds
     with udp_by_default():
         rclpy.init()
         node = rclpy.create_node('epson_driver_call')
@@ -30,11 +30,13 @@ def main() -> int:
     client = node.create_client(Trigger, name)
     text = f'no service {name}'
     try:
-        while time.monotonic() < until:
+        while time.monotonic() < deadline:
             if client.wait_for_service(RETRY_S):
-                asked = client.call_async(Trigger.Request())
-                executor.spin_until_future_complete(asked, timeout_sec=until - time.monotonic())
-                answer = asked.result() if asked.done() else None
+                request = client.call_async(Trigger.Request())
+                executor.spin_until_future_complete(
+                    request, timeout_sec=deadline - time.monotonic()
+                )
+                answer = request.result() if request.done() else None
                 if answer is not None and answer.success:
                     return 0
                 text = answer.message if answer is not None else f'no answer from {name}'

@@ -78,7 +78,7 @@ class Observer:
     def stopped_at(self) -> float | None:
         """The time of the first report of a pressed E-stop, or None."""
         with self._lock:
-            return next((at for at, stopped in self._stopped if stopped), None)
+            return next((time for time, stopped in self._stopped if stopped), None)
 
     def wait_for_state(self, timeout: float) -> bool:
         """Wait for the first report and return whether it arrived in time."""
@@ -186,15 +186,15 @@ class SimulatedCell:
     def enable(self) -> None:
         """Enable the arm on a person's behalf. Raises RunError if that fails, with the reason."""
         words = ('/epson_driver/enable', f'{READY_TIMEOUT_S:g}')
-        asked = subprocess.run(  # noqa: S603 - our own
+        process = subprocess.run(  # noqa: S603 - our own
             module_command('epson_driver.exercise.call_trigger', *words),
             env=self.environment,
             capture_output=True,
             text=True,
             check=False,
         )
-        if asked.returncode:
-            last = (asked.stderr.strip().splitlines() or ['no output'])[-1]
+        if process.returncode:
+            last = (process.stderr.strip().splitlines() or ['no output'])[-1]
             raise RunError(f'~/enable: {last}')
 
     @property
@@ -233,7 +233,7 @@ def simulated_cell(
     try:
         ports = sim.ports()
         domain = processes.free_ros_domain()
-        given: dict[str, Any] = {
+        settings: dict[str, Any] = {
             'joint_names': f'[{",".join(model.joint_names)}]',
             'robot_model': robot,
             'controller': controller,
@@ -242,7 +242,7 @@ def simulated_cell(
             'trace_file': TRACE,
         }
         driver = processes.client(
-            folder / 'client.log', ports, domain, **given | dict(parameters or {})
+            folder / 'client.log', ports, domain, **settings | dict(parameters or {})
         )
         started.append(driver)
         password = load_controller_profile(controller).remote.password

@@ -41,7 +41,7 @@ class Case:
 
     name: str
     what: str
-    begin: tuple[Words, ...]
+    trigger: tuple[Words, ...]
     person: tuple[Words, ...] = ()
     stops: bool = False
     early: bool = False
@@ -164,7 +164,7 @@ def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | Non
     folder.mkdir(parents=True)
     spel = bool(load_controller_profile(exercise.controller).spel.project)
     case = replace(
-        case, begin=for_kind(case.begin, spel=spel), person=for_kind(case.person, spel=spel)
+        case, trigger=for_kind(case.trigger, spel=spel), person=for_kind(case.person, spel=spel)
     )
     chance = random.Random(f'{exercise.seed}/{case.name}')  # noqa: S311 - no secret
     with simulated_cell(
@@ -251,7 +251,7 @@ def _delay(usual: Observed | None, chance: random.Random) -> float:
 def _begin(cell: SimulatedCell, case: Case) -> str:
     """Start the fault and return why the controller refuses it, or ''."""
     try:
-        for words in case.begin:
+        for words in case.trigger:
             cell.pendant(words)
     except RemoteError as error:
         return str(error)

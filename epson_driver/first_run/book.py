@@ -91,11 +91,11 @@ class FirstRunRecord:
         profile = load_controller_profile(self.about['controller'])
         known = {key: value for key, value in self.facts.items() if key in RULES or key == 'io'}
         moves_through = not self.facts.get('rests at points')
-        for key, value, held in differences(known, profile):
-            if held == 'default' and value == 'taken' and moves_through:
+        for key, value, expected in differences(known, profile):
+            if expected == 'default' and value == 'taken' and moves_through:
                 continue
             shown = f'{value:.4g}' if isinstance(value, float) else value
-            report.append(f'{key} is {shown}, but {held} in the profile {profile.name}')
+            report.append(f'{key} is {shown}, but {expected} in the profile {profile.name}')
         return list(dict.fromkeys(report))
 
     def _all(self, name: str) -> dict[str, Any]:

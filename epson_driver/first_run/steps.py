@@ -82,7 +82,7 @@ class Connections:
     async def to(self, host: str, port: int, **options: Any) -> Conversation:
         """Return the connection to a port, or a new one if it has ended. Raises like `opened`."""
         made = self._open.get(port)
-        if made is None or made.heard.ended:
+        if made is None or made.traffic.ended:
             if made is not None:
                 await made.close()
             made = self._open[port] = await opened(host, port, **options)
@@ -172,7 +172,7 @@ async def _listen(run: FirstRun) -> StepResult:
         result.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
     state = await run.state()
     await state.ended_within(1.0)
-    joints = latest_joints(state.heard)
+    joints = latest_joints(state.traffic)
     if joints is not None and (step := _rounding(joints[: run.joints])):
         result.facts['servo.encoder'] = False
         result.habits.append(f'joint states are rounded to {step:g} degrees')
@@ -201,7 +201,7 @@ async def _pendant(run: FirstRun) -> StepResult:
         raise NotMovedError(f'not compared with the pendant: {run.joints} numbers are needed')
     state = await run.state()
     await state.wait_for_traffic(latest_joints, 5.0)
-    joints = latest_joints(state.heard)
+    joints = latest_joints(state.traffic)
     if joints is None:
         raise NotMovedError('no joint states came')
     own = _shown(np.array(joints[: run.joints]), run)
@@ -231,9 +231,9 @@ async def _ask_still(run: FirstRun) -> StepResult:
     if 'program.kind' not in facts:
         raise NotMovedError('the motion port was not queried: see above')
     state, motion = await run.links()
-    if not await state.wait_for_traffic(lambda heard: heard.packets, 5.0):
+    if not await state.wait_for_traffic(lambda traffic: traffic.packets, 5.0):
         raise NotMovedError('no state received')
-    motion.link.dialect = state.heard.packets[0][1].dialect
+    motion.link.dialect = state.traffic.packets[0][1].dialect
     took, missing = [], 0
     for _ in range(REPLY_TRIES):
         began = asyncio.get_running_loop().time()
@@ -241,7 +241,7 @@ async def _ask_still(run: FirstRun) -> StepResult:
             missing += 1
             continue
         took.append(asyncio.get_running_loop().time() - began)
-    handshake = motion.heard.handshake
+    handshake = motion.traffic.handshake
     if missing:
         result.habits.append(f'{missing} of {REPLY_TRIES} requests had no reply')
     if took:
@@ -263,7 +263,7 @@ async def make_ready(run: FirstRun) -> None:
     """Ask a person to make the arm ready, if it is not. Nothing is sent."""
     state = await run.state()
     await state.wait_for_traffic(latest_status, 5.0)
-    status = latest_status(state.heard)
+    status = latest_status(state.traffic)
     if status is None or seen_inhibit(status, run.errors) is not None:
         what = 'Set the power LOW, reset if in error, switch the motors on, start main'
         await _ready(run, state, SWITCHED_ON if run.remote else what)
@@ -304,11 +304,11 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
         if done and run.remote:
             await _switch_on(run, state)
         await state.ended_within(0.5)
-        if not done or state.heard.ended:
+        if not done or state.traffic.ended:
             raise NotMovedError('the arm was not made ready')
-        state.heard.packets.clear()
+        state.traffic.packets.clear()
         await state.wait_for_traffic(latest_status, 5.0)
-        status = latest_status(state.heard)
+        status = latest_status(state.traffic)
         result = None if status is None else seen_inhibit(status, run.errors)
         if status is not None and result is None:
             return
@@ -327,12 +327,12 @@ async def _switch_on(run: FirstRun, state: Conversation) -> None:
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
     """Return the target of joint `index`, in its + direction unless the range ends nearby."""
-    way = SLIDE_MM / 1000.0
+    step = SLIDE_MM / 1000.0
     if run.question.model.joint_types[index] != PRISMATIC:
-        way = math.radians(DEGREES)
+        step = math.radians(DEGREES)
     limits = run.question.model.limits
     target = here.copy()
-    target[index] += way if here[index] + 2.0 * way < limits.position_max[index] else -way
+    target[index] += step if here[index] + 2.0 * step < limits.position_max[index] else -step
     return target
 
 
@@ -366,7 +366,7 @@ async def _joint(index: int, run: FirstRun) -> StepResult:
 
 async def _where(run: FirstRun, state: Conversation) -> Array:
     await state.wait_for_traffic(latest_joints, 5.0)
-    joints = latest_joints(state.heard)
+    joints = latest_joints(state.traffic)
     if joints is None:
         raise NotMovedError('no joint states came')
     return np.array(joints[: run.joints])
@@ -398,13 +398,13 @@ def _ride_times(name: str, made: TrialMove) -> StepResult:
         result.habits.append(f'{missing} of {len(made.sent)} points had no reply')
     if any(answer is not None and answer[1] is ReplyCode.FAILURE for answer in made.answers):
         result.habits.append(f'{name}: a point was refused')
-    if made.begin is None:
+    if made.start is None:
         result.habits.append(f'{name}: the arm did not move')
     elif not made.measured:
         result.times[f'{name}: statement'] = made.end - made.sent[-1]
     else:
-        result.times[f'{name}: point sent to motion seen'] = made.begin - made.sent[1]
-        result.times[f'{name}: motion'] = made.end - made.begin
+        result.times[f'{name}: point sent to motion seen'] = made.start - made.sent[1]
+        result.times[f'{name}: motion'] = made.end - made.start
     return result
 
 
@@ -467,7 +467,7 @@ async def _stop(run: FirstRun) -> StepResult:
         run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2
     )
     result = StepResult()
-    if made.begin is None or made.stopped is None:
+    if made.start is None or made.stopped is None:
         raise NotMovedError('the arm did not move')
     stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
     if not stopped:
@@ -497,11 +497,11 @@ async def _interrupted(
         doing.cancel()
         raise
     result.answers[name] = (await doing).strip()[:200] or 'done'
-    at = made.since(seen)
-    if at is None:
+    stopped_at = made.since(seen)
+    if stopped_at is None:
         result.habits.append(f'{name}: STATUS did not show it')
         return result
-    result.times[f'{name}: STATUS to rest'] = max(made.end - at, 0.0)
+    result.times[f'{name}: STATUS to rest'] = max(made.end - stopped_at, 0.0)
     _error_number(name, made, run, result)
     if run.remote:
         undo = f'{undo.partition(",")[0]} (Enter resets the error and switches the motors on)'
@@ -513,12 +513,12 @@ async def _interrupted(
     return result
 
 
-def _error_number(name: str, made: TrialMove, run: FirstRun, found: StepResult) -> None:
+def _error_number(name: str, made: TrialMove, run: FirstRun, result: StepResult) -> None:
     number = next((item.error_code for _, item in reversed(made.statuses) if item.error_code), 0)
-    found.answers[f'{name}: error'] = run.errors.phrase(number)
+    result.answers[f'{name}: error'] = run.errors.phrase(number)
     if number and number not in run.errors:
         table = run.question.profile.error_texts
-        found.habits.append(f'{name}: error number {number} is not in the table {table}')
+        result.habits.append(f'{name}: error number {number} is not in the table {table}')
 
 
 async def _cable(run: FirstRun) -> StepResult:
@@ -532,7 +532,7 @@ async def _cable(run: FirstRun) -> StepResult:
     )
     try:
         made = await _move_and_record(run, state, motion, [target], [2.0 * WAY_S])
-        lost = bool(state.heard.ended or motion.heard.ended)
+        lost = bool(state.traffic.ended or motion.traffic.ended)
     except (NotMovedError, ConnectionError) as error:
         lost, made = True, None
         result.answers['cable: what was seen'] = str(error)
@@ -603,10 +603,9 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
 
     remote: whether the controller has Remote Ethernet alone.
     """
-    way = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
-    slowly = (
-        f'joint 1 moves {way} back and forth, slowly, for at most {BACK_AND_FORTH * WAY_S:g} s'
-    )
+    distance = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
+    seconds = BACK_AND_FORTH * WAY_S
+    slowly = f'joint 1 moves {distance} back and forth, slowly, for at most {seconds:g} s'
     every = [
         Step('listen', LISTEN_REMOTE if remote else LISTEN, _listen),
         Step('pendant', 'Compare the joint positions with the pendant.', _pendant),
@@ -618,7 +617,7 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         *(
             Step(
                 f'joint {index + 1}',
-                f'THE ARM MOVES: joint {index + 1} moves {way} in {WAY_S:g} s, and back.',
+                f'THE ARM MOVES: joint {index + 1} moves {distance} in {WAY_S:g} s, and back.',
                 partial(_joint, index),
                 moves=True,
             )
@@ -626,13 +625,13 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         ),
         Step(
             'STOP',
-            f'THE ARM MOVES: joint 1 moves {way}, a STOP interrupts it, and it moves back.',
+            f'THE ARM MOVES: joint 1 moves {distance}, a STOP interrupts it, and it moves back.',
             _stop,
             moves=True,
         ),
         Step(
             'points',
-            f'THE ARM MOVES: joint 1 moves {way} in {STREAM_POINTS} points, and back, twice.',
+            f'THE ARM MOVES: joint 1 moves {distance} in {STREAM_POINTS} points, and back, twice.',
             _points,
             moves=True,
         ),
@@ -650,7 +649,7 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         ),
         Step(
             'cable',
-            f'THE ARM MOVES: joint 1 moves {way}. Pull the network cable during the motion.',
+            f'THE ARM MOVES: joint 1 moves {distance}. Pull the network cable during the motion.',
             _cable,
             moves=True,
         ),

@@ -80,7 +80,7 @@ class TrialMove:
     """Maximum delay of a timer on this machine, s: the uncertainty of the times."""
 
     @property
-    def begin(self) -> float | None:
+    def start(self) -> float | None:
         """Start time of the motion, or None.
 
         Interpolated in the cube root of the distance, which is linear in time at constant jerk.
@@ -94,7 +94,7 @@ class TrialMove:
 
     @property
     def end(self) -> float:
-        """End time of the motion, when the arm came to rest. Interpolated like `begin`."""
+        """End time of the motion, when the arm came to rest. Interpolated like `start`."""
         away = np.cbrt(np.abs(self.positions - self.positions[-1]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size or not self.measured:
@@ -109,7 +109,7 @@ class TrialMove:
 
     def since(self, true: Callable[[Status], bool]) -> float | None:
         """Return the time of the first STATUS that fulfils `true`, or None."""
-        return next((at for at, status in self.statuses if true(status)), None)
+        return next((time for time, status in self.statuses if true(status)), None)
 
 
 async def move_and_record(
@@ -129,9 +129,9 @@ async def move_and_record(
     clock = asyncio.get_running_loop().time
     here = await _here(state, model, errors)
     _check(here, targets, durations, model)
-    first = len(state.heard.packets)
+    first = len(state.traffic.packets)
     made = TrialMove()
-    motion.link.dialect = state.heard.packets[-1][1].dialect
+    motion.link.dialect = state.traffic.packets[-1][1].dialect
     stopping: asyncio.Task[None] | None = None
     try:
         ways = [(here, FIRST_DURATION_S), *zip(targets, durations, strict=True)]
@@ -181,7 +181,7 @@ async def move_by_statements(
     assert isinstance(link, RemoteLink)  # noqa: S101 - for the type checker
     here = before = await _here(state, model, errors)
     _check(here, targets, durations, model)
-    first, made = len(state.heard.packets), TrialMove(sent=[clock()], measured=False)
+    first, made = len(state.traffic.packets), TrialMove(sent=[clock()], measured=False)
     try:
         async with asyncio.timeout(REST_TIMEOUT_S + float(sum(durations))):
             for target, duration in zip(targets, durations, strict=True):
@@ -204,10 +204,10 @@ async def move_by_statements(
     finally:
         if link.connected and link.moving:
             link.abort(lambda _: None)
-    count, ended = len(state.heard.packets), clock()
-    await state.wait_for_traffic(lambda heard: _joints_after(heard, count), REST_S * 4.0)
+    count, ended = len(state.traffic.packets), clock()
+    await state.wait_for_traffic(lambda traffic: _joints_after(traffic, count), REST_S * 4.0)
     _take_over(made, state, first, len(model.joint_names))
-    after = latest_joints(state.heard)
+    after = latest_joints(state.traffic)
     there = here if after is None else np.array(after[: len(here)])
     made.times, made.positions = np.array([made.sent[1], ended]), np.array([here, there])
     return made
@@ -220,8 +220,8 @@ def _moving(link: RemoteLink, statement: str) -> asyncio.Future[str | Exception]
     return reply
 
 
-def _joints_after(heard: ReceivedTraffic, count: int) -> bool:
-    return any(is_joints(packet) for _, packet in heard.packets[count:])
+def _joints_after(traffic: ReceivedTraffic, count: int) -> bool:
+    return any(is_joints(packet) for _, packet in traffic.packets[count:])
 
 
 async def _stop_after(motion: Conversation, seconds: float, made: TrialMove) -> None:
@@ -232,11 +232,11 @@ async def _stop_after(motion: Conversation, seconds: float, made: TrialMove) -> 
 
 async def _here(state: Conversation, model: RobotModel, errors: ErrorTexts) -> Array:
     if not await state.wait_for_traffic(
-        lambda heard: latest_status(heard) and latest_joints(heard), 5
+        lambda traffic: latest_status(traffic) and latest_joints(traffic), 5
     ):
         raise NotMovedError('no joint states or no STATUS received within 5 s')
     await _rest(state, len(model.joint_names))
-    joints, status = latest_joints(state.heard), latest_status(state.heard)
+    joints, status = latest_joints(state.traffic), latest_status(state.traffic)
     assert joints is not None  # noqa: S101 - both were waited for
     assert status is not None  # noqa: S101
     result = seen_inhibit(status, errors)
@@ -264,7 +264,7 @@ async def _rest(state: Conversation, joints: int) -> None:
     clock = asyncio.get_running_loop().time
     until = clock() + REST_TIMEOUT_S
     while clock() < until:
-        before = len(state.heard.packets)
+        before = len(state.traffic.packets)
         ended = await state.ended_within(REST_S)
         seen = _positions(state, before, joints)[1]
         if ended or (len(seen) and np.abs(seen - seen[-1]).max() < MOVED):
@@ -275,23 +275,23 @@ async def _rest(state: Conversation, joints: int) -> None:
 def _positions(state: Conversation, first: int, joints: int) -> tuple[Array, Array]:
     seen = [
         (
-            at,
+            time,
             item.message.joints
             if isinstance(item.message, JointPosition)
             else item.message.positions,
         )
-        for at, item in state.heard.packets[first:]
+        for time, item in state.traffic.packets[first:]
         if isinstance(item.message, JointPosition | JointFeedback)
     ]
-    return np.array([at for at, _ in seen]), np.array([item[:joints] for _, item in seen])
+    return np.array([time for time, _ in seen]), np.array([item[:joints] for _, item in seen])
 
 
 def _take_over(made: TrialMove, state: Conversation, first: int, joints: int) -> None:
-    made.lateness = state.heard.lateness
+    made.lateness = state.traffic.lateness
     made.times, made.positions = _positions(state, max(first - 1, 0), joints)
     made.statuses = [
-        (at, item.message)
-        for at, item in state.heard.packets[first:]
+        (time, item.message)
+        for time, item in state.traffic.packets[first:]
         if isinstance(item.message, Status)
     ]
 
@@ -301,10 +301,10 @@ def ahead(made: TrialMove, joint: int, delay: float) -> float:
 
     joint: the joint that moved. delay: the delay of replies, s.
     """
-    if made.begin is None:
+    if made.start is None:
         return 0.0
-    way = np.abs(made.positions[:, joint] - made.positions[0, joint])
-    fraction = way / way[-1] * (len(made.sent) - 1)
+    distances = np.abs(made.positions[:, joint] - made.positions[0, joint])
+    fraction = distances / distances[-1] * (len(made.sent) - 1)
     counts = [
         number - float(np.interp(answer[0] - delay, made.times, fraction))
         for number, answer in enumerate(made.answers)
@@ -315,9 +315,9 @@ def ahead(made: TrialMove, joint: int, delay: float) -> float:
 
 def rests(made: TrialMove) -> int:
     """Return how often the arm rested during its motion."""
-    if made.begin is None:
+    if made.start is None:
         return 0
-    inside = (made.times >= made.begin) & (made.times <= made.end)
+    inside = (made.times >= made.start) & (made.times <= made.end)
     times, positions = made.times[inside], made.positions[inside]
     slow = [
         np.abs(b - a).max() < 1e-5 and t - s > 0.0

@@ -71,8 +71,8 @@ class _Shortened(Repr):
             return '{...}'
         items = list(value.items())
         pairs = [
-            f'{self.repr1(key, level - 1)}: {self.repr1(held, level - 1)}'
-            for key, held in items[: self.maxdict]
+            f'{self.repr1(key, level - 1)}: {self.repr1(item, level - 1)}'
+            for key, item in items[: self.maxdict]
         ]
         return '{' + ', '.join(pairs + ['...'] * (len(items) > self.maxdict)) + '}'
 

@@ -61,9 +61,9 @@ async def wait_for_silence(silence: ReceiveTimeout) -> None:
     silence.restart(now())
     turns = READING_TURNS
     while True:
-        if (left := silence.time_left(now())) > 0.0:
+        if (time_left := silence.time_left(now())) > 0.0:
             turns = READING_TURNS
-            await asyncio.sleep(left)
+            await asyncio.sleep(time_left)
         elif turns:
             turns -= 1
             await asyncio.sleep(0)
@@ -283,8 +283,8 @@ class Connection(asyncio.BufferedProtocol):
         if silence is None or self.transport.is_closing():
             return
         now = self._loop.time()
-        if (left := silence.time_left(now)) > 0.0:
-            self._timer = self._loop.call_later(left, self._check_silence, READING_TURNS)
+        if (time_left := silence.time_left(now)) > 0.0:
+            self._timer = self._loop.call_later(time_left, self._check_silence, READING_TURNS)
         elif turns:
             self._timer = self._loop.call_soon(self._check_silence, turns - 1)
         elif silence.end_slice(now):

@@ -35,8 +35,8 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
     ),
     MessageType.MOTION_CTRL: frozenset({MessageType.MOTION_REPLY}),
     **{
-        asked: frozenset({answered, MessageType.IOCTRL_REPLY})
-        for asked, answered in (
+        request: frozenset({reply, MessageType.IOCTRL_REPLY})
+        for request, reply in (
             (MessageType.READ_IO_BIT, MessageType.READ_IO_BIT_REPLY),
             (MessageType.WRITE_IO_BIT, MessageType.WRITE_IO_BIT_REPLY),
             (MessageType.READ_IO_GROUP, MessageType.READ_IO_GROUP_REPLY),

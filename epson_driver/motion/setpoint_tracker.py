@@ -171,11 +171,11 @@ class SetpointTracker:
             return
         fastest = self.limits.velocity * speed
         state = position, velocity, acceleration = self.state
-        wanted = np.clip(aim.velocity, -fastest, fastest)
+        speeds = np.clip(aim.velocity, -fastest, fastest)
         # errors relative to the stream's state at the start of the step
         faster = acceleration - aim.acceleration
-        ahead = velocity - (wanted - dt * aim.acceleration)
-        beyond = position - (target - dt * (wanted - dt * aim.acceleration / 2.0))
+        ahead = velocity - (speeds - dt * aim.acceleration)
+        beyond = position - (target - dt * (speeds - dt * aim.acceleration / 2.0))
         fraction = -math.expm1(-POLE * dt)
         jerk = -(
             beyond * (fraction / dt) ** 3
@@ -186,7 +186,7 @@ class SetpointTracker:
         low, high = np.minimum(aim.low, position), np.maximum(aim.high, position)
         # with a clipped jerk the law would oscillate, so the joint moves with full jerk to the
         # position at which a stop from the stream would end
-        rest = target + stopping_distance(self.limits, wanted)
+        rest = target + stopping_distance(self.limits, speeds)
         upper = np.where(rest > self.motion.end, self.limits.jerk, -self.limits.jerk)
         hard = np.abs(jerk) > self.limits.jerk
         jerk = np.where(hard, upper, jerk)
@@ -199,12 +199,12 @@ class SetpointTracker:
     def move(self, dt: float, velocities: Array) -> None:
         """Follow commanded velocities, shape (n,), rad/s or m/s, for a step of `dt` > 0 s."""
         fastest = self.limits.velocity
-        wanted = np.clip(velocities, -fastest, fastest)
-        if np.all(np.abs(wanted) < MIN_SPEED_SHARE * fastest):
+        target = np.clip(velocities, -fastest, fastest)
+        if np.all(np.abs(target) < MIN_SPEED_SHARE * fastest):
             self.brake()
             return
         state = self.state
-        jerk = _towards(wanted, state, dt)
+        jerk = _towards(target, state, dt)
         self._execute(self._stepped(state, dt, jerk, fastest, self._low, self._high), final=False)
 
     def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
@@ -252,11 +252,11 @@ class SetpointTracker:
         """
         durations, used = [], []
         rows = (*state, self.limits.acceleration, self.limits.jerk, fastest, low, high, jerks)
-        for p, v, a, max_acceleration, max_jerk, speed, lowest, highest, wanted in zip(
+        for p, v, a, max_acceleration, max_jerk, speed, lowest, highest, desired in zip(
             *(row.tolist() for row in rows), strict=True
         ):
             joint = _Joint(dt, max_acceleration, max_jerk, speed)
-            jerk, time = joint.step((p, v, a), wanted, lowest, highest)
+            jerk, time = joint.step((p, v, a), desired, lowest, highest)
             stop = joint.stop(v + time * (a + time * jerk / 2.0), a + time * jerk)
             durations.append([time, *(item for item, _ in stop)])
             used.append([jerk, *(item for _, item in stop)])
@@ -273,12 +273,12 @@ class SetpointTracker:
         return True
 
 
-def _towards(wanted: Array, state: State, dt: float) -> Array:
+def _towards(target: Array, state: State, dt: float) -> Array:
     """Return jerks, shape (n,), with which the velocities converge to `wanted` in a step."""
     _, velocity, acceleration = state
     fraction = -math.expm1(-VELOCITY_POLE * dt)
     jerk: Array = -(
-        (velocity - wanted) * (fraction / dt) ** 2
+        (velocity - target) * (fraction / dt) ** 2
         + acceleration * fraction * (4.0 - fraction) / (2.0 * dt)
     )
     return jerk

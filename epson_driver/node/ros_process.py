@@ -53,7 +53,7 @@ class RosThread:
     ) -> None:
         self.executor = SingleThreadedExecutor(context=context)
         self._on_error = on_error
-        self._left = threading.Event()
+        self._exited = threading.Event()
         self._thread = threading.Thread(target=self._run, name='rclpy executor', daemon=True)
 
     def start(self) -> None:
@@ -63,7 +63,7 @@ class RosThread:
     def leave(self) -> bool:
         """Send the pending replies and end the thread. Return whether it ended in time."""
         if not self._thread.is_alive():
-            self._left.set()
+            self._exited.set()
             return True
         self.executor.create_task(self._leave, LAST_ROUNDS)
         self._thread.join(LEAVE_TIMEOUT_S)
@@ -73,12 +73,12 @@ class RosThread:
         if rounds:
             self.executor.create_task(self._leave, rounds - 1)
         else:
-            self._left.set()
+            self._exited.set()
 
     def _run(self) -> None:
         errors = 0
         try:
-            while not self._left.is_set():
+            while not self._exited.is_set():
                 try:
                     self.executor.spin_once()
                 except BaseException as error:  # noqa: BLE001 - SystemExit, too
@@ -87,7 +87,7 @@ class RosThread:
                     if errors >= MAX_ERRORS or not self.executor.context.ok():
                         return
         finally:
-            if not self._left.is_set():
+            if not self._exited.is_set():
                 end = RuntimeError('ROS requests are no longer served')
                 self._on_error('ROS executor thread ended', end)
 

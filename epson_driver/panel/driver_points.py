@@ -28,18 +28,18 @@ class DriverPoints:
         self._state = state
         self._client = node.create_client(TaughtPoints, f'{name}/taught_points')
         self._asking: Any = None
-        self._asked = -np.inf
+        self._requested_at = -np.inf
 
     def poll(self, now: float) -> None:
         """Send a request if one is due. `now`: the panel's clock, s."""
-        if self._asking is not None and now - self._asked > TIMEOUT_S:
+        if self._asking is not None and now - self._requested_at > TIMEOUT_S:
             self._give_up()
         if (
             self._asking is None
-            and now - self._asked > PERIOD_S
+            and now - self._requested_at > PERIOD_S
             and self._client.service_is_ready()
         ):
-            self._asked = now
+            self._requested_at = now
             self._asking = self._client.call_async(TaughtPoints.Request())
             self._asking.add_done_callback(self._on_answer)
 

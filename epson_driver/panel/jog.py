@@ -31,7 +31,7 @@ DIRECTIONS = {
 }
 """Whether an axis is rotational, and its direction in the frame."""
 
-JOINT_SHARE = 0.25
+JOINT_FRACTION = 0.25
 """Full jog speed of a joint, as a fraction of its velocity limit, like `servo.scale`."""
 
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
@@ -44,7 +44,7 @@ speed. A larger one, as close to a singularity, is refused."""
 END = 0.005
 """Distance from an end of its range within which a joint is not jogged outwards, rad or m."""
 
-STEP_SHARE = 0.2
+STEP_FRACTION = 0.2
 """Fraction of the joints' velocity and acceleration limits used by a step at full speed."""
 
 MAX_STEP_M, MAX_STEP_RAD = 0.1, np.radians(30.0)
@@ -74,27 +74,29 @@ class Jog:
         self.axes = self._axes()
         """The axes of the tool that this arm can move."""
 
-    def velocities(self, joints: Array, axis: str, frame: str, share: float) -> Array:
+    def velocities(self, joints: Array, axis: str, frame: str, fraction: float) -> Array:
         """Return the joint velocities of a jog, shape (n,), rad/s or m/s.
 
         axis: the number of a joint from 1, or one of TOOL_AXES. frame: of a tool axis, WORLD or
-        TOOL. share: fraction of full speed, -1 … 1.
+        TOOL. fraction: fraction of full speed, -1 … 1.
         """
         limits = self.model.limits
         if (index := self._joint(axis)) is not None:
             result = np.zeros(len(joints))
-            result[index] = share * JOINT_SHARE * limits.velocity[index]
+            result[index] = fraction * JOINT_FRACTION * limits.velocity[index]
         else:
-            result = share * self._joint_velocities(joints, self._twist(joints, axis, frame))
-            allowed = JOINT_SHARE * limits.velocity
+            result = fraction * self._joint_velocities(joints, self._twist(joints, axis, frame))
+            allowed = JOINT_FRACTION * limits.velocity
             result /= max(1.0, float(np.max(np.abs(result) / allowed)))  # keeps the direction
         self._check_ends(joints, result)
         return result
 
-    def step(self, joints: Array, axis: str, frame: str, size: float, share: float) -> Trajectory:
+    def step(
+        self, joints: Array, axis: str, frame: str, size: float, fraction: float
+    ) -> Trajectory:
         """Return the trajectory of a step of a joint, or of the tool on a straight line.
 
-        axis, frame: as in `velocities`. size: rad or m. share: fraction of full speed, (0, 1].
+        axis, frame: as in `velocities`. size: rad or m. fraction: fraction of full speed, (0, 1].
         """
         index = self._joint(axis)
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'
@@ -104,17 +106,17 @@ class Jog:
         if index is not None:
             goal = joints.copy()
             goal[index] += size
-            return self.along(np.linspace(joints, goal, 9), share)
+            return self.along(np.linspace(joints, goal, 9), fraction)
         velocity = self._twist(joints, axis, frame)
         length = float(np.linalg.norm(velocity[:3]) or np.linalg.norm(velocity[3:]))
-        return self.along(self._line(joints, velocity / length * size), share)
+        return self.along(self._line(joints, velocity / length * size), fraction)
 
-    def straight(self, joints: Array, goal: Array, share: float = 1.0) -> Trajectory:
+    def straight(self, joints: Array, goal: Array, fraction: float = 1.0) -> Trajectory:
         """Return the straight trajectory in joint space from `joints` to `goal`.
 
-        share: fraction of full speed, (0, 1].
+        fraction: fraction of full speed, (0, 1].
         """
-        return self.along(np.linspace(joints, goal, 9), share)
+        return self.along(np.linspace(joints, goal, 9), fraction)
 
     def joints_at(self, point: Array, near: Array) -> Array:
         """Return the joints at which the tool is at a point, nearest to the joints `near`.
@@ -132,10 +134,10 @@ class Jog:
             raise RequestError('out of reach')
         return np.asarray(result[0])
 
-    def along(self, path: Array, share: float) -> Trajectory:
+    def along(self, path: Array, fraction: float) -> Trajectory:
         """Return a trajectory along a joint path, at rest at both ends.
 
-        path: shape (k, n). share: fraction of full speed, (0, 1].
+        path: shape (k, n). fraction: fraction of full speed, (0, 1].
         """
         limits = self.model.limits
         path = limits.settled(path)  # an arm at its limit may be measured slightly beyond it
@@ -145,13 +147,13 @@ class Jog:
         fastest, change = np.abs(slope).max(axis=0), np.abs(path[-1] - path[0])
         duration = max(
             MIN_STEP_S,
-            float(np.max(PEAK_VELOCITY * fastest / (share * STEP_SHARE * limits.velocity))),
+            float(np.max(PEAK_VELOCITY * fastest / (fraction * STEP_FRACTION * limits.velocity))),
             float(
                 np.sqrt(
                     np.max(
                         PEAK_ACCELERATION
                         * np.maximum(fastest, change)
-                        / (share * STEP_SHARE * limits.acceleration)
+                        / (fraction * STEP_FRACTION * limits.acceleration)
                     )
                 )
             ),

@@ -76,11 +76,11 @@ class RobotControl:
         self._allow_motion = allow_motion
         self._jogging = False
         self._speed_wanted: float | None = None
-        self._speed_asked = False
+        self._speed_requested = False
         self.stop_alarm = ''
         """The known reason why a STOP was not carried out, with the remedy, or ''."""
         self._stops = 0
-        self._stop_asked: float | None = None
+        self._stop_requested_at: float | None = None
 
     # --- identity ---------------------------------------------------------------------------
 
@@ -102,20 +102,20 @@ class RobotControl:
     def update(self) -> None:
         """Update model, pendant, arming and STOP alarm. In the thread of `Panel.run`."""
         parameters = self.robot.parameters
-        at = self._address
+        address = self._address
         if parameters and parameters['robot_model'] != self._model_name:
             self._load(str(parameters['robot_model']))
-        if at != self._pendant_at:
+        if address != self._pendant_at:
             if self._pendant is not None:
                 self._pendant.end()
-            self._pendant_at = at
-            self._pendant = None if at is None else self._pendant_of(*at)
+            self._pendant_at = address
+            self._pendant = None if address is None else self._pendant_of(*address)
         latest = None if self._pendant is None else self._pendant.latest
         self._take_over(latest)
         self.arming.watch()
-        asked = self._stop_asked
-        if asked is not None and self._clock() - asked > STOP_ANSWER_S:
-            self._stop_asked = None
+        requested_at = self._stop_requested_at
+        if requested_at is not None and self._clock() - requested_at > STOP_ANSWER_S:
+            self._stop_requested_at = None
             self._raise_alarm(f'no reply from the driver within {STOP_ANSWER_S:g} s')
 
     def end(self) -> None:
@@ -183,13 +183,13 @@ class RobotControl:
         """
         self._stops += 1
         now, number = self._clock(), self._stops
-        self._stop_asked = now
+        self._stop_requested_at = now
 
         def answered(text: str, level: int) -> None:
             self.robot.log(text, level)
             if number != self._stops:
                 return
-            self._stop_asked = None
+            self._stop_requested_at = None
             if level < ERROR:
                 self.stop_alarm = ''
             else:
@@ -203,7 +203,7 @@ class RobotControl:
             raise
         finally:
             if why:
-                self._stop_asked = None
+                self._stop_requested_at = None
                 self._raise_alarm(why)
 
     def _raise_alarm(self, why: str, what: str = 'STOP was not delivered') -> None:
@@ -230,19 +230,19 @@ class RobotControl:
         """Set the speed scaling, 0 … 1. While a request is pending, the latest value is queued."""
         with self.arming.held(browser):
             self._speed_wanted = factor
-            if not self._speed_asked:
+            if not self._speed_requested:
                 self._ask_speed()
 
     def _ask_speed(self) -> None:
         factor, self._speed_wanted = self._speed_wanted, None
         if factor is None:
             return
-        self._speed_asked = True
+        self._speed_requested = True
 
         def answered(text: str, level: int) -> None:
             if level >= WARN:
                 self.robot.log(text, level)
-            self._speed_asked = False
+            self._speed_requested = False
             try:
                 self._ask_speed()
             except RequestError as error:
@@ -251,7 +251,7 @@ class RobotControl:
         try:
             self.robot.set_speed(factor, answered)
         except RequestError:
-            self._speed_asked = False
+            self._speed_requested = False
             raise
 
     def write_output(self, browser: int, index: int, value: int) -> None:
@@ -281,15 +281,15 @@ class RobotControl:
             here, motion = self._here(), self._jog_motion()
             self._send(f'to {name}', motion.straight(here, motion.joints_at(point, here)))
 
-    def jog(self, browser: int, axis: str, frame: str, share: float) -> None:
+    def jog(self, browser: int, axis: str, frame: str, fraction: float) -> None:
         """Move a joint or the tool for the driver's `servo.timeout` (0.1 s).
 
-        Arguments as in `Jog.velocities`. A share of 0 brakes immediately.
+        Arguments as in `Jog.velocities`. A fraction of 0 brakes immediately.
         """
         with self.arming.held(browser):
             if self.robot.state.no_streams:
                 raise RequestError(self.robot.state.no_streams)
-            velocities = self._jog_motion().velocities(self._here(), axis, frame, share)
+            velocities = self._jog_motion().velocities(self._here(), axis, frame, fraction)
             self.robot.jog(self.robot.state.joint_names, velocities)
             self._jogging = bool(np.any(velocities))
 
@@ -300,12 +300,12 @@ class RobotControl:
             names = self.robot.state.joint_names
             self.robot.jog(names, np.zeros(len(names)))
 
-    def step(self, browser: int, axis: str, frame: str, size: float, share: float) -> None:
+    def step(self, browser: int, axis: str, frame: str, size: float, fraction: float) -> None:
         """Move a joint or the tool by a step. Arguments as in `Jog.step`."""
         with self.arming.held(browser):
             if self.robot.goals:
                 raise RequestError('a motion of the panel has not ended yet')
-            trajectory = self._jog_motion().step(self._here(), axis, frame, size, share)
+            trajectory = self._jog_motion().step(self._here(), axis, frame, size, fraction)
             self._send(f'step of {axis}', trajectory)
 
     def _jog_motion(self) -> Jog:
@@ -390,11 +390,11 @@ class RobotControl:
         text = f'input {index}: {"on" if value else "off"}'
         self._press(action(f'io DI {index} {value}'), text)
 
-    def _press(self, asked: Action, text: str) -> None:
+    def _press(self, command: Action, text: str) -> None:
         if self._pendant is None:
             raise NotSimulatedError('no simulated controller found')
 
         def say(why: str, done: bool) -> None:
             self.robot.log(text if done else f'{text}: refused: {why}', INFO if done else WARN)
 
-        self._pendant.press(asked, say)
+        self._pendant.press(command, say)

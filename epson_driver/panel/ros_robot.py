@@ -119,7 +119,7 @@ class RosRobot:
         self.name = name
         self.namespace = name.rpartition('/')[0]
         self._node, self._sampled = node, sampled
-        self._found: float | None = None
+        self._last_present: float | None = None
         self.state = RobotState()
         self.parameters: dict[str, Any] = {}
         """Values of PARAMETERS, or empty before the first answer. They are requested periodically,
@@ -133,7 +133,7 @@ class RosRobot:
         self._jog = node.create_publisher(JointJog, f'{name}/joint_jog', LATEST)
         self._points = DriverPoints(node, name, self.state)
         self._asking: Any = None
-        self._asked = 0.0
+        self._requested_at = 0.0
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
         self._goals: list[Goal] = []
         self._goals_lock = threading.Lock()
@@ -159,10 +159,10 @@ class RosRobot:
 
         `now`: the time, s.
         """
-        if self._found is None or self._get_parameters.service_is_ready():
-            self._found = now
+        if self._last_present is None or self._get_parameters.service_is_ready():
+            self._last_present = now
         news = (self.state.times.get(item) for item in ('diagnostics', 'joints', 'status'))
-        return max([self._found, *(new for new in news if new is not None)])
+        return max([self._last_present, *(new for new in news if new is not None)])
 
     def close(self) -> None:
         """Destroy the subscriptions, clients and publishers, because the driver is gone."""
@@ -204,10 +204,10 @@ class RosRobot:
                 self.log(f'{goal.text}: the driver has disappeared, the result is unknown', WARN)
             return
         self._points.poll(now)
-        if self._asking is not None and now - self._asked > PARAMETERS_TIMEOUT_S:
+        if self._asking is not None and now - self._requested_at > PARAMETERS_TIMEOUT_S:
             self._give_up_asking()
         if self._asking is None or self._asking.done():
-            self._asked = now
+            self._requested_at = now
             request = GetParameters.Request(names=list(PARAMETERS))
             self._asking = self._get_parameters.call_async(request)
             self._asking.add_done_callback(partial(self._on_parameters, now))
@@ -235,7 +235,7 @@ class RosRobot:
             )
         state.times['diagnostics'] = now
 
-    def _on_parameters(self, asked: float, future: Any) -> None:
+    def _on_parameters(self, requested_at: float, future: Any) -> None:
         answer = future.result()
         if future is not self._asking or answer is None:
             return
@@ -248,7 +248,7 @@ class RosRobot:
                 return
             match[name] = getattr(value, kinds[value.type])
         self.parameters = match
-        self.state.times['parameters'] = asked
+        self.state.times['parameters'] = requested_at
 
     def _on_status(self, message: Any, now: float) -> None:
         modes = {RobotMode.AUTO: 'AUTO', RobotMode.MANUAL: 'MANUAL'}
@@ -269,9 +269,11 @@ class RosRobot:
 
     def _on_controller_state(self, message: Any, now: float) -> None:
         """Read the joints from ~/controller_state. Other nodes may publish `joint_states`."""
-        state, stamp, at = self.state, message.header.stamp, message.feedback
+        state, stamp, joints = self.state, message.header.stamp, message.feedback
         sent, names = list(message.joint_names), tuple(self.parameters.get('joint_names', ()))
-        if not names or not self._joints.take(sent, at.positions, at.velocities, stamp, now):
+        if not names or not self._joints.take(
+            sent, joints.positions, joints.velocities, stamp, now
+        ):
             return
         limits = state.fastest if len(state.fastest) == len(names) else [math.inf] * len(names)
         try:

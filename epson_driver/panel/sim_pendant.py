@@ -74,14 +74,14 @@ class SimPendant:
         self._task: asyncio.Task[None] | None = None
         loop.call_soon_threadsafe(self._start)
 
-    def press(self, asked: Action, say: Say) -> None:
+    def press(self, command: Action, say: Say) -> None:
         """Send an action to the controller, and call `say` in another thread.
 
         Raises NotSimulatedError if no simulated controller answers.
         """
         if self.latest is None:
             raise NotSimulatedError('no reply from a simulated controller')
-        self._loop.call_soon_threadsafe(self._commands.put_nowait, (asked, say))
+        self._loop.call_soon_threadsafe(self._commands.put_nowait, (command, say))
 
     def end(self) -> None:
         """Disconnect."""
@@ -112,33 +112,33 @@ class SimPendant:
             await self._poll(ask)
             try:
                 async with asyncio.timeout(POLL_PERIOD_S):
-                    asked, say = await self._commands.get()
+                    command, say = await self._commands.get()
             except TimeoutError:
                 continue
             try:
-                await self._do(ask, asked)
+                await self._do(ask, command)
             except (RefusedError, RemoteError) as error:
                 say(str(error), False)
             except ValueError as error:  # nothing was sent
                 say(str(error), False)
             except BaseException:
-                say(f'{asked.commands[0]}: no reply from the controller', False)
+                say(f'{command.commands[0]}: no reply from the controller', False)
                 raise
             else:
                 say('', True)
 
-    async def _do(self, ask: Ask, asked: Action) -> None:
+    async def _do(self, ask: Ask, command: Action) -> None:
         """Perform an action, with a login unless it is for simulations only.
 
         Raises RefusedError or RemoteError if the controller refuses it, and TimeoutError.
         """
-        if not needs_login(asked):
-            await _in_time(do(ask, asked))
+        if not needs_login(command):
+            await _in_time(do(ask, command))
             return
         place = (self.host, self.port)
         try:
             async with logged_in(*place, ANSWER_TIMEOUT_S, max_logins=1) as own:
-                await do(own, asked)
+                await do(own, command)
         except HungUpError as error:
             raise RefusedError(ONE_CLIENT) from error
 
@@ -154,8 +154,8 @@ class SimPendant:
 
     def _refuse_waiting(self) -> None:
         while not self._commands.empty():
-            asked, say = self._commands.get_nowait()
-            say(f'{asked.commands[0]}: no reply from a simulated controller', False)
+            command, say = self._commands.get_nowait()
+            say(f'{command.commands[0]}: no reply from a simulated controller', False)
 
 
 class PendantThread:

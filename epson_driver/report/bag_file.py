@@ -109,8 +109,8 @@ def _messages(run: Run, numbers: Figures, store: Any) -> Iterator[tuple[int, str
     stamp_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
 
     def stamp(time: float) -> tuple[int, Any]:
-        at = run.nanoseconds(time)
-        return at, stamp_type(*divmod(at, NANOSECONDS))
+        time_ns = run.nanoseconds(time)
+        return time_ns, stamp_type(*divmod(time_ns, NANOSECONDS))
 
     state = types[TOPICS['joint_states']]
     names = list(run.joint_names)
@@ -118,23 +118,23 @@ def _messages(run: Run, numbers: Figures, store: Any) -> Iterator[tuple[int, str
     for time, position, velocity in zip(
         run.times.tolist(), run.positions, numbers.velocities, strict=True
     ):
-        at, when = stamp(time)
+        time_ns, stamp_message = stamp(time)
         yield (
-            at,
+            time_ns,
             'joint_states',
-            state(header_type(when, ''), names, position.copy(), velocity.copy(), none),
+            state(header_type(stamp_message, ''), names, position.copy(), velocity.copy(), none),
         )
     tri, mode = types['industrial_msgs/msg/TriState'], types['industrial_msgs/msg/RobotMode']
     status = types[TOPICS['robot_status']]
     for condition in run.conditions:
-        at, when = stamp(condition.time)
+        time_ns, stamp_message = stamp(condition.time)
         flags = {name: tri(value) for name, value in zip(FLAGS, condition.flags, strict=True)}
         codes = np.array(condition.error_codes, dtype=np.int32)
         yield (
-            at,
+            time_ns,
             'robot_status',
             status(
-                header=header_type(when, ''),
+                header=header_type(stamp_message, ''),
                 mode=mode(condition.mode),
                 error_codes=codes,
                 **flags,
@@ -144,23 +144,23 @@ def _messages(run: Run, numbers: Figures, store: Any) -> Iterator[tuple[int, str
     point = types['trajectory_msgs/msg/JointTrajectoryPoint']
     duration = types['builtin_interfaces/msg/Duration']
     for plan in run.plans:
-        at, when = stamp(plan.sent)
+        time_ns, stamp_message = stamp(plan.sent)
         points = [
             point(
                 position.copy(), none, none, none, duration(*divmod(round(t * 1e9), NANOSECONDS))
             )
             for t, position in zip(plan.times.tolist(), plan.positions, strict=True)
         ]
-        yield at, 'report/plan', trajectory(header_type(when, ''), names, points)
+        yield time_ns, 'report/plan', trajectory(header_type(stamp_message, ''), names, points)
     log = types[TOPICS['report/events']]
     for event in run.events:
-        at, when = stamp(event.time)
+        time_ns, stamp_message = stamp(event.time)
         text = f'{event.text}\n{event.remedy}' if event.remedy else event.text
         yield (
-            at,
+            time_ns,
             'report/events',
             log(
-                stamp=when,
+                stamp=stamp_message,
                 level=LEVELS[event.level],
                 name='epson_driver report',
                 msg=text,

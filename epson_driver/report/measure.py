@@ -48,7 +48,7 @@ class Figures:
     rate: float
     longest_gap: float
     waypoint_times: Array
-    begin: float
+    start: float
 
 
 def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
@@ -81,7 +81,7 @@ def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None)
         rate=float(len(gaps) / (run.times[-1] - run.times[0])),
         longest_gap=float(gaps.max()),
         waypoint_times=times,
-        begin=float(run.times[first]),
+        start=float(run.times[first]),
     )
 
 

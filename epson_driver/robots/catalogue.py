@@ -66,18 +66,18 @@ def model_name(name: str) -> str:
     if name in listed:
         return name
     models = {_plain(item): item for item in listed}
-    wanted = _plain(name)
-    start = SOLD_AS.get(wanted) or [
-        element for plain, element in models.items() if wanted and plain.startswith(wanted)
+    plain = _plain(name)
+    start = SOLD_AS.get(plain) or [
+        element for key, element in models.items() if plain and key.startswith(plain)
     ]
-    if wanted in models or wanted + 's' in models:
-        return models.get(wanted) or models[wanted + 's']
+    if plain in models or plain + 's' in models:
+        return models.get(plain) or models[plain + 's']
     if len(start) == 1:
         return start[0]
-    alike = [models[match] for match in get_close_matches(wanted, models, MAX_NAMES, ALIKE)]
-    series = [model for model in models.values() if wanted.startswith(model.partition('_')[0])]
+    alike = [models[match] for match in get_close_matches(plain, models, MAX_NAMES, ALIKE)]
+    series = [model for model in models.values() if plain.startswith(model.partition('_')[0])]
     raise InputError(
-        f'no robot model {printable(name)}{_unknown(wanted) or _near(start or alike or series)}; '
+        f'no robot model {printable(name)}{_unknown(plain) or _near(start or alike or series)}; '
         f'`epson_driver robots` lists all {len(models)}'
     )
 
@@ -145,10 +145,10 @@ def _near(models: list[str]) -> str:
     return f'; did you mean {" or ".join(names)}?' if models else ''
 
 
-def _unknown(wanted: str) -> str:
+def _unknown(plain: str) -> str:
     """Return a clause about the unpublished data of an EPSON arm without a model, or ''."""
     unknown = read_yaml(share_path('config', 'unknown_robots.yaml'))
-    series = [name for name in unknown if wanted.startswith(_plain(name))]
+    series = [name for name in unknown if plain.startswith(_plain(name))]
     if not series:
         return ''
     name = max(series, key=len)

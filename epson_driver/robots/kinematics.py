@@ -267,8 +267,8 @@ def conditions(model: RobotModel, joints: Array) -> Array:
     columns = [
         np.hstack([axis, np.zeros_like(axis)])
         if kind == PRISMATIC
-        else np.hstack([np.cross(axis, tool - at), axis])
-        for axis, at, kind in zip(axes, places, model.joint_types, strict=True)
+        else np.hstack([np.cross(axis, tool - place), axis])
+        for axis, place, kind in zip(axes, places, model.joint_types, strict=True)
     ]
     values = np.linalg.svd(np.stack(columns, axis=2), compute_uv=False)
     with np.errstate(divide='ignore'):

@@ -117,19 +117,19 @@ def limits_of(
 def _moveit_rows(joints: Any, file: str) -> Iterator[tuple[str, dict[str, Any]]]:
     if not isinstance(joints, dict):
         raise InputError(f'{file}: joint_limits = {shown(joints)}: must be a mapping of joints')
-    for name, given in joints.items():
-        if not isinstance(given, dict):
-            raise InputError(f'{file}: {name} = {shown(given)}: must be a mapping of limits')
+    for name, limits in joints.items():
+        if not isinstance(limits, dict):
+            raise InputError(f'{file}: {name} = {shown(limits)}: must be a mapping of limits')
         row = {}
-        if given.get('has_position_limits', True):
+        if limits.get('has_position_limits', True):
             for key, end in (('min_position', 'position_min'), ('max_position', 'position_max')):
-                if key in given:
-                    row[end] = NUMBER.checked(given[key], f'{file}: {name}: {key}')
+                if key in limits:
+                    row[end] = NUMBER.checked(limits[key], f'{file}: {name}: {key}')
         for quantity, keys in OF_MOVEIT.items():
             values = [
-                abs(NUMBER.checked(given[key], f'{file}: {name}: {key}'))
+                abs(NUMBER.checked(limits[key], f'{file}: {name}: {key}'))
                 for key in keys
-                if given.get(f'has_{key.removeprefix("max_")}_limits', False) and key in given
+                if limits.get(f'has_{key.removeprefix("max_")}_limits', False) and key in limits
             ]
             if values:
                 row[quantity] = min(values)

@@ -116,8 +116,8 @@ class RobotModel:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Ranges, speeds and lengths that are not confirmed, one sentence each."""
-        asked = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
-        result = {words: self.provenance.get(key) for key, words in asked.items()}
+        nouns = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
+        result = {words: self.provenance.get(key) for key, words in nouns.items()}
         return tuple(
             f'{words} of the {self.name} are {origin.worst} ({origin.source}): compare them with '
             'yours before the arm moves'

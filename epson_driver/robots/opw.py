@@ -58,15 +58,16 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
     """Return the OPW lengths of a model. Raises KinematicsError if it is unsuitable."""
     _check_joints(model)
     axes = model.chain.axes
-    at = np.cumsum(model.chain.origins, axis=0)
-    _check_axes(model, at[0])
-    tool = at[5] + model.tool0.xyz
+    origins = np.cumsum(model.chain.origins, axis=0)
+    _check_axes(model, origins[0])
+    tool = origins[5] + model.tool0.xyz
     # the wrist's centre is on joint 5's axis, and joint 4's axis determines where
-    wrist = at[4] + _Y * ((at[3] - at[4]) @ _Y)
+    wrist = origins[4] + _Y * ((origins[3] - origins[4]) @ _Y)
     for joint in (3, 5):
-        _check_on_axis(model, joint, at[joint], wrist, 'where joints 4, 5 and 6 should meet')
-    _check_on_axis(model, 5, at[5], tool, 'Tool 0')
-    upper, lower, hand = (at[2] - at[1]) * (1.0, 0.0, 1.0), wrist - at[2], tool - wrist
+        _check_on_axis(model, joint, origins[joint], wrist, 'where joints 4, 5 and 6 should meet')
+    _check_on_axis(model, 5, origins[5], tool, 'Tool 0')
+    upper = (origins[2] - origins[1]) * (1.0, 0.0, 1.0)
+    lower, hand = wrist - origins[2], tool - wrist
     if min(np.linalg.norm(upper), np.linalg.norm(hand)) < TOLERANCE:
         raise _no_opw(model, 'the upper arm or the hand has no length')
     fore = axes[3] if axes[3] @ lower >= 0.0 else -axes[3]
@@ -80,10 +81,10 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
     directions = (_Z, _Y, _Y, fore, _Y, out)
     return OpwParameters(
         lengths={
-            'a1': float(at[1][0]),
+            'a1': float(origins[1][0]),
             'a2': float(lower @ across),
             'b': float(wrist[1]),
-            'c1': float(at[1][2]),
+            'c1': float(origins[1][2]),
             'c2': float(np.linalg.norm(upper)),
             'c3': float(lower @ fore),
             'c4': float(np.linalg.norm(hand)),

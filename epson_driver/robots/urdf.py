@@ -157,25 +157,25 @@ def box(x: float, y: float, z: float) -> Array:
     half = np.array([x, y, z]) / 2.0
     bevel = _bevel(2.0 * float(half.min()))
     # at each corner a point on each of the three faces
-    at = {
+    points = {
         (signs, axis): np.array(signs) * (half - bevel * (np.arange(3) != axis))
         for signs in product((-1, 1), repeat=3)
         for axis in range(3)
     }
-    polygons = [[at[signs, axis] for axis in range(3)] for signs in product((-1, 1), repeat=3)]
+    polygons = [[points[signs, axis] for axis in range(3)] for signs in product((-1, 1), repeat=3)]
     for axis in range(3):
         one, two = (axis + 1) % 3, (axis + 2) % 3
         for side, other in product((-1, 1), repeat=2):
             low, high = np.zeros((2, 3), dtype=int)
             low[[axis, one, two]], high[[axis, one, two]] = (-1, side, other), (1, side, other)
             a, b = tuple(low.tolist()), tuple(high.tolist())
-            polygons.append([at[a, one], at[b, one], at[b, two], at[a, two]])
+            polygons.append([points[a, one], points[b, one], points[b, two], points[a, two]])
         for side in (-1, 1):
             ring = []
             for around in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
                 signs = np.zeros(3, dtype=int)
                 signs[[axis, one, two]] = (side, *around)
-                ring.append(at[tuple(signs.tolist()), axis])
+                ring.append(points[tuple(signs.tolist()), axis])
             polygons.append(ring)
     return _fans(polygons)
 

@@ -88,8 +88,8 @@ class Setup:
     def tolerances(self, kind: str) -> Tolerances:
         """Return the tolerances constraints.<joint>.`kind`, goal or trajectory. 0 is no limit."""
         names = self.model.joint_names
-        given = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
-        return Tolerances(np.where(given > 0.0, given, np.inf), np.full(len(names), np.inf))
+        values = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
+        return Tolerances(np.where(values > 0.0, values, np.inf), np.full(len(names), np.inf))
 
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
@@ -139,17 +139,17 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
     }
 
 
-def make_setup(given: Mapping[str, Any]) -> Setup:
+def make_setup(settings: Mapping[str, Any]) -> Setup:
     """Return the setup for values of the settings by name, each already checked.
 
     The controller's profile, the robot model and the table provide the defaults. Raises ValueError
     if values are incompatible, InputError if there is no such profile or model.
     """
-    values = {row.name: row.default for row in TABLE} | {**given}
+    values = {row.name: row.default for row in TABLE} | {**settings}
     profile = load_controller_profile(values['controller'])
     model = load_robot_model(values['robot_model'])
     usual = profile_defaults(profile) | {'joint_names': list(model.joint_names)}
-    values |= usual | {**given}
+    values |= usual | {**settings}
     names = tuple(values['joint_names'])
     if len(names) != len(model.joint_names):
         raise ValueError(

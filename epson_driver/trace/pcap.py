@@ -289,7 +289,7 @@ class Stream:
     """Data after a gap, by the position of its first byte in the stream."""
 
     _starts: list[int] = field(default_factory=list)
-    _taken: int = 0
+    _position: int = 0
 
     def take(self, segment: Segment) -> bytes:
         """Return the bytes that continue the stream, without repetitions.
@@ -301,15 +301,15 @@ class Stream:
             self.next_sequence = sequence
         if segment.data:
             ahead = (sequence - self.next_sequence) & 0xFFFFFFFF
-            start = self._taken + ahead - (ahead >> 31 << 32)
+            start = self._position + ahead - (ahead >> 31 << 32)
             if start not in self.waiting:
                 heappush(self._starts, start)
             self.waiting[start] = max(self.waiting.get(start, b''), segment.data, key=len)
         fresh = bytearray()
-        while self._starts and self._starts[0] <= self._taken:
+        while self._starts and self._starts[0] <= self._position:
             start = heappop(self._starts)
-            data = self.waiting.pop(start)[self._taken - start :]
+            data = self.waiting.pop(start)[self._position - start :]
             fresh += data
-            self._taken += len(data)
+            self._position += len(data)
         self.next_sequence = (self.next_sequence + len(fresh)) & 0xFFFFFFFF
         return bytes(fresh)

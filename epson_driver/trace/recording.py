@@ -104,9 +104,9 @@ def _read(path: Path, steps: list[Step], gaps: list[str]) -> None:
     for segment in read_segments(read_file(path, MAX_RECORDING_BYTES)):
         pair = frozenset({segment.source, segment.target})
         connection = connections.get(pair)
-        begins = segment.flags & (Flag.SYN | Flag.ACK) == Flag.SYN
-        if connection is None or (begins and connection.ended):
-            client, server = _client_first(segment, begins=begins)
+        opens = segment.flags & (Flag.SYN | Flag.ACK) == Flag.SYN
+        if connection is None or (opens and connection.ended):
+            client, server = _client_first(segment, opens=opens)
             connection = connections[pair] = _Connection(len(every), client, server)
             every.append(connection)
             steps.append(Step(segment.time, connection.number, server, WireEvent.OPENED))
@@ -114,8 +114,8 @@ def _read(path: Path, steps: list[Step], gaps: list[str]) -> None:
     gaps += filter(None, (connection.gap for connection in every))
 
 
-def _client_first(segment: Segment, *, begins: bool) -> tuple[Address, Address]:
-    answers = segment.flags & Flag.SYN and not begins  # the second packet of a handshake
-    if begins or (not answers and segment.source[1] > segment.target[1]):
+def _client_first(segment: Segment, *, opens: bool) -> tuple[Address, Address]:
+    answers = segment.flags & Flag.SYN and not opens  # the second packet of a handshake
+    if opens or (not answers and segment.source[1] > segment.target[1]):
         return segment.source, segment.target
     return segment.target, segment.source

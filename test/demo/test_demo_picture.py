@@ -102,14 +102,14 @@ def test_planned_and_measured_times_are_found():
     figures = measure(plan(WAYPOINTS), through())
     assert figures.planned == 4.0
     assert figures.moved == pytest.approx(4.0, abs=0.5)  # its ends are slower than the threshold
-    assert figures.begin == pytest.approx(1000.5, abs=0.3)
+    assert figures.start == pytest.approx(1000.5, abs=0.3)
     constant = recording(
         still((0, 0), 0.5) + line((0.0, 0.0), (1.0, 0.0), 2.0) + still((1, 0), 0.5)
     )
     figures = measure(plan([(0.0, 0.0), (1.0, 0.0)], 1.5), constant)
     assert figures.planned == 1.5
     assert figures.moved == pytest.approx(2.0, abs=3 * PERIOD)
-    assert figures.begin == pytest.approx(1000.5, abs=3 * PERIOD)
+    assert figures.start == pytest.approx(1000.5, abs=3 * PERIOD)
 
 
 def test_rate_and_longest_gap_are_measured():

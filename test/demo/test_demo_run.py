@@ -204,7 +204,7 @@ def test_missing_panel_libraries_are_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(cell, 'missing', lambda: True)
     out = console()
     driver = SimpleNamespace(domain=1)
-    with cell.panel_beside(tmp_path, driver, out, wanted=True) as address:
+    with cell.panel_beside(tmp_path, driver, out, enabled=True) as address:
         assert address is None
     assert out.file.getvalue().split() == INSTALL.split()
 

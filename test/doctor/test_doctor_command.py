@@ -47,8 +47,8 @@ def checked(**changes):
 def test_correct_environment_has_no_errors():
     result = checked(ROS_DOMAIN_ID='42', ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
     assert not [key for key in result if key[0] is Level.WRONG]
-    assert result[Level.OK, 'middleware'].found == 'rmw_fastrtps_cpp'
-    assert result[Level.OK, 'domain'].found == '42'
+    assert result[Level.OK, 'middleware'].text == 'rmw_fastrtps_cpp'
+    assert result[Level.OK, 'domain'].text == '42'
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_correct_environment_has_no_errors():
 )
 def test_wrong_environment_variable_is_reported_with_remedy(changes, key, message):
     result = checked(**changes)
-    assert message in result[key].found
+    assert message in result[key].text
     assert result[key].remedy
 
 
@@ -90,7 +90,7 @@ def test_removed_or_foreign_shared_memory_is_reported(monkeypatch, tmp_path):
     (tmp_path / 'SHARED/fastrtps_2').symlink_to('gone')
     findings = Findings(lambda finding: None)
     environment._check_shared_memory(findings)
-    lost, foreign, logout = (item.found for item in findings.all)
+    lost, foreign, logout = (item.text for item in findings.all)
     assert 'process 7 were removed' in lost
     assert f'user {os.getuid()} uses it' in foreign
     assert 'at logout' in logout
@@ -111,8 +111,8 @@ def test_message_of_another_package_is_reported(tmp_path):
     )
     result = checked(PYTHONPATH=str(tmp_path))
     finding = result[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
-    assert 'lacks e_stopped' in finding.found
-    assert str(package) in finding.found
+    assert 'lacks e_stopped' in finding.text
+    assert str(package) in finding.text
     assert 'PYTHONPATH' in finding.remedy
 
 
@@ -123,12 +123,12 @@ def test_class_that_is_not_a_message_is_reported(tmp_path):
     (package / 'msg.py').write_text('class RobotStatus: pass\n')
     result = checked(PYTHONPATH=str(tmp_path))
     finding = result[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
-    assert str(package) in finding.found
+    assert str(package) in finding.text
     assert 'PYTHONPATH' in finding.remedy
 
 
 def test_other_ros_distribution_is_an_error():
-    assert 'jazzy' in checked(ROS_DISTRO='humble')[Level.WRONG, 'ROS'].found
+    assert 'jazzy' in checked(ROS_DISTRO='humble')[Level.WRONG, 'ROS'].text
 
 
 def test_missing_packages_are_reported_with_remedy(tmp_path):
@@ -137,10 +137,10 @@ def test_missing_packages_are_reported_with_remedy(tmp_path):
         text = f'raise ImportError("{name} was made for this test")\n'
         (tmp_path / name / '__init__.py').write_text(text)
     result = checked(PYTHONPATH=str(tmp_path), ROS_DISTRO='jazzy', AMENT_PREFIX_PATH='/opt/here')
-    assert result[Level.OK, 'ROS'].found == 'jazzy (/opt/here)'
+    assert result[Level.OK, 'ROS'].text == 'jazzy (/opt/here)'
     for about in ('rclpy', 'epson_msgs/msg/IoPoint'):
         name = about.partition('/')[0]
-        assert result[Level.WRONG, about].found == f'ImportError: {name} was made for this test'
+        assert result[Level.WRONG, about].text == f'ImportError: {name} was made for this test'
         assert 'colcon build' in result[Level.WRONG, about].remedy
 
 
@@ -148,8 +148,8 @@ def test_old_python_and_hanging_import_are_errors(monkeypatch):
     monkeypatch.setattr(environment, 'MIN_PYTHON', (99, 0))
     monkeypatch.setattr(environment, 'ASK_TIMEOUT_S', 1e-3)
     result = checked(ROS_DOMAIN_ID='42')
-    assert 'is too old' in result[Level.WRONG, 'Python'].found
-    assert result[Level.WRONG, 'ROS'].found == 'importing rclpy took more than 0.001 s'
+    assert 'is too old' in result[Level.WRONG, 'Python'].text
+    assert result[Level.WRONG, 'ROS'].text == 'importing rclpy took more than 0.001 s'
     assert (Level.OK, 'domain') in result  # the other checks still run
 
 

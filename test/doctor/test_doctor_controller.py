@@ -115,7 +115,7 @@ def points_of(profile):
 
 
 def found_at(findings, level):
-    return {item.about: item.found for item in findings.all if item.level is level}
+    return {item.about: item.text for item in findings.all if item.level is level}
 
 
 def test_profiles_of_this_file_are_complete():
@@ -136,7 +136,7 @@ def test_remote_profile_is_examined_by_remote_ethernet():
 
 def test_remote_profile_reports_an_open_door():
     _, findings = examined('remote', prepare=lambda controller: controller.apply(Event.DOOR_OPEN))
-    assert any('door is open' in item.found for item in findings.all)
+    assert any('door is open' in item.text for item in findings.all)
 
 
 def test_occupied_remote_port_is_reported():
@@ -144,7 +144,7 @@ def test_occupied_remote_port_is_reported():
         'remote', inside=lambda ports: logged_in('127.0.0.1', ports.remote, 1000.0)
     )
     (wrong,) = [item for item in findings.all if item.level is Level.WRONG]
-    assert 'closed by the controller before the reply to Login' in wrong.found
+    assert 'closed by the controller before the reply to Login' in wrong.text
     assert 'stop the other one, which may be the driver' in wrong.remedy
 
 
@@ -206,7 +206,7 @@ def test_profile_fits_its_controller(name):
 
 def test_wrong_profile_is_reported_by_key():
     _, findings = examined(expected='fanuc')
-    wrong = [item.found for item in findings.all if item.level is Level.WRONG]
+    wrong = [item.text for item in findings.all if item.level is Level.WRONG]
     assert 'byte_order is little, but big in the profile fanuc' in wrong
     assert any(item.startswith('state.period is 0.00') for item in wrong)
     assert findings.exit_code == 1
@@ -275,7 +275,7 @@ def test_interrupted_stream_is_an_error_except_on_a_busy_machine(monkeypatch, la
         controller.faults.start(parse('half_open:port=state,after=1'))
 
     async def late(self):
-        self.heard.lateness = lateness
+        self.traffic.lateness = lateness
 
     monkeypatch.setattr(listening.Conversation, '_ticks', late)
     _, findings = examined(prepare=silent)
@@ -349,9 +349,9 @@ def test_reason_why_the_arm_cannot_move_comes_first(prepare, about, text, remedy
     _, findings = examined(prepare=prepare)
     first = findings.all[0]
     assert (first.level, first.about) == (Level.HELD, about)
-    assert text in first.found
+    assert text in first.text
     assert remedy in first.remedy
-    assert findings.verdict == f'the arm cannot move: {first.found}'
+    assert findings.verdict == f'the arm cannot move: {first.text}'
     assert findings.exit_code == 1
 
 
@@ -379,7 +379,7 @@ def test_remote_port_gives_reasons_missing_in_status(prepare, about, text):
     _, findings = examined('rc700a', prepare=prepare, may_ask=True)
     held = [item for item in findings.all if item.level is Level.HELD]
     assert held[0].about == about
-    assert text in held[0].found
+    assert text in held[0].text
     assert len({item.about for item in held}) == len(held)
     assert 'the arm' not in [item.about for item in held]  # the general reason is replaced
     assert 'Remote Ethernet replies: ' in found_at(findings, Level.OK)['remote port']

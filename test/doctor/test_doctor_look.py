@@ -104,7 +104,7 @@ def test_controller_that_cannot_be_identified_is_wrong(talk, text, remedy):
     run(scenario(), 60.0)
     good, found = findings_of(result[0])
     assert not good
-    assert text in found[Level.WRONG].found
+    assert text in found[Level.WRONG].text
     assert remedy in found[Level.WRONG].remedy
     assert 'secret' not in str(found)
 
@@ -122,4 +122,4 @@ def test_other_client_of_the_remote_port_is_named():
     run(scenario(), 60.0)
     good, found = findings_of(result[0])
     assert not good
-    assert 'another client may be connected' in found[Level.WRONG].found
+    assert 'another client may be connected' in found[Level.WRONG].text

@@ -49,7 +49,7 @@ def state_port_errors(scripted, **options):
     assert findings.exit_code == 1
     assert 'nothing is wrong' not in findings.verdict
     assert all(item.remedy for item in wrong)
-    return [item.found for item in wrong], [item.remedy for item in wrong]
+    return [item.text for item in wrong], [item.remedy for item in wrong]
 
 
 KINDS = [
@@ -97,7 +97,7 @@ def test_other_protocol_at_the_state_port_is_reported(noise):
         await reader.read()
 
     facts, findings = examined(ScriptedPorts(state=send_noise))
-    (error,) = [item.found for item in findings.all if item.about == 'state port']
+    (error,) = [item.text for item in findings.all if item.about == 'state port']
     assert 'another program replies there' in error or 'sent nothing' in error
     assert facts == {}
 

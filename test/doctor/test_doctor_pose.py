@@ -87,7 +87,7 @@ def test_joints_that_follow_the_jog_are_ok():
 def test_wrong_joint_is_reported_with_remedy(moves, joint, message, remedy):
     result = checked(Arm(moves), check_joints)
     assert result[f'joint {joint}'].level is Level.WRONG
-    assert message in result[f'joint {joint}'].found
+    assert message in result[f'joint {joint}'].text
     assert remedy in result[f'joint {joint}'].remedy
     assert sum(item.level is Level.WRONG for item in result.values()) == 1
 
@@ -118,7 +118,7 @@ def shown(off_mm=0.0, turned_deg=0.0):
 def test_tool0_is_compared_with_the_pendant(typed, level, message):
     result = checked(Arm(typed=typed), check_tool)['tool0']
     assert result.level is level
-    assert message in result.found
+    assert message in result.text
 
 
 @pytest.mark.invariant(8)
@@ -130,4 +130,4 @@ def test_missing_or_non_finite_joints_are_errors(joints):
     result = [*checked(arm, check_joints).values(), *checked(arm, check_tool).values()]
     assert len(result) == 7
     assert {item.level for item in result} == {Level.WRONG}
-    assert {item.found for item in result} == {'no joint states with finite numbers received'}
+    assert {item.text for item in result} == {'no joint states with finite numbers received'}

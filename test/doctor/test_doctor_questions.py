@@ -145,7 +145,7 @@ def examined(scripted, ask=None, **options):
 
 
 def found(findings, level):
-    return {item.about: item.found for item in findings.all if item.level is level}
+    return {item.about: item.text for item in findings.all if item.level is level}
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_wrong_messages_are_reported(talk, level, about, text):
     _, findings = examined(ScriptedPorts(state=talk))
     (finding,) = [item for item in findings.all if item.about == about]
     assert finding.level is level
-    assert text in finding.found
+    assert text in finding.text
     assert finding.remedy
 
 
@@ -391,9 +391,9 @@ def test_unresponsive_remote_port_is_reported(talk, text, remedy):
     facts, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF), **talks), **allowed)
     (wrong,) = [item for item in findings.all if item.about == 'remote port']
     assert wrong.level is Level.WRONG
-    assert text in wrong.found
+    assert text in wrong.text
     assert remedy in wrong.remedy
-    assert 'wrong' not in wrong.found  # the password
+    assert 'wrong' not in wrong.text  # the password
     assert not {'ports.remote', 'program.motors'} & facts.keys()
 
 

@@ -10,8 +10,8 @@ from epson_driver.motion import Trajectory
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.panel.jog import (
     DIRECTIONS,
-    JOINT_SHARE,
-    STEP_SHARE,
+    JOINT_FRACTION,
+    STEP_FRACTION,
     TOOL_AXES,
     TOOL_M_S,
     TOOL_RAD_S,
@@ -68,7 +68,7 @@ def test_tool_moves_along_or_turns_about_the_axis(
 def test_joint_speed_limit_preserves_the_direction(jog: Jog, joints: np.ndarray) -> None:
     random = np.random.default_rng(5)
     low, high = jog.model.limits.position_min, jog.model.limits.position_max
-    allowed = JOINT_SHARE * jog.model.limits.velocity * (1.0 + 1e-9)
+    allowed = JOINT_FRACTION * jog.model.limits.velocity * (1.0 + 1e-9)
     for _ in range(200):
         joints = random.uniform(0.9 * low, 0.9 * high)
         axis = random.choice(jog.axes)
@@ -84,7 +84,7 @@ def test_joint_speed_limit_preserves_the_direction(jog: Jog, joints: np.ndarray)
 def test_single_joint_moves_in_both_directions() -> None:
     for sign in (1.0, -1.0):
         wanted = np.zeros(6)
-        wanted[2] = sign * 0.4 * JOINT_SHARE * C3.model.limits.velocity[2]
+        wanted[2] = sign * 0.4 * JOINT_FRACTION * C3.model.limits.velocity[2]
         assert_allclose(C3.velocities(BENT, '3', 'world', sign * 0.4), wanted)
 
 
@@ -129,8 +129,8 @@ def assert_slow(trajectory: Trajectory, jog: Jog, share: float) -> None:
     times = np.linspace(0.0, trajectory.duration, 500)
     curve = Interpolation(trajectory.times, trajectory.positions, trajectory.velocities)
     _, velocities, accelerations = curve.at(times)
-    assert np.all(np.abs(velocities) <= 1.02 * share * STEP_SHARE * limits.velocity)
-    assert np.all(np.abs(accelerations) <= 1.5 * share * STEP_SHARE * limits.acceleration)
+    assert np.all(np.abs(velocities) <= 1.02 * share * STEP_FRACTION * limits.velocity)
+    assert np.all(np.abs(accelerations) <= 1.5 * share * STEP_FRACTION * limits.acceleration)
     assert trajectory.velocities is not None
     assert_allclose(trajectory.velocities[[0, -1]], 0.0, atol=1e-9)
 

@@ -79,7 +79,7 @@ class Command:
     Surplus parameters are ignored, because clients in production send `$GetStatus,0`.
     `run` executes the command and returns its value, if any. If the command has an `event`, `run`
     only checks the parameters, and then the event is applied. With `whole`, all text after the
-    first comma is one parameter. `beside`: the command is accepted while a statement is executed.
+    first comma is one parameter. `always`: the command is accepted even during a statement.
     """
 
     usage: str
@@ -88,10 +88,10 @@ class Command:
     run: Run
     event: Event | None = None
     whole: bool = False
-    beside: bool = False
+    always: bool = False
 
     @property
-    def most(self) -> int | None:
+    def max_parameters(self) -> int | None:
         """The maximum number of parameters, or None if it is not limited."""
         if self.usage.endswith('…'):
             return None
@@ -137,13 +137,13 @@ def _run_command(dialogue: Dialogue, line: str, name: str, rest: str | None) -> 
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'no client is logged in')
     required = command.requirements
     if dialogue.controller.command_window.executes:
-        if not command.beside:
+        if not command.always:
             text = 'a statement is being executed: wait for its end, or Abort'
             raise CommandError(RemoteErrorNumber.EXECUTING, text)
         required = tuple(item for item in required if item is not requirements.READY)
     parameters = [] if rest is None else [rest] if command.whole else rest.split(',')
     if not command.whole:
-        parameters = [part.strip() for part in parameters[: command.most]]
+        parameters = [part.strip() for part in parameters[: command.max_parameters]]
     value = None
     if command.event is not None:
         command.run(dialogue, parameters)
@@ -376,13 +376,13 @@ def _io_commands() -> dict[str, Command]:
                 f'set {target} {address}',
                 (requirements.READY,) if name in _SET_WHEN_READY else _IDLE,
                 partial(_set_io, writable, width),
-                beside=True,
+                always=True,
             )
     return rows
 
 
 COMMANDS: dict[str, Command] = {
-    'Login': Command('password', 'log in, needed first', _FREE, _login, whole=True, beside=True),
+    'Login': Command('password', 'log in, needed first', _FREE, _login, whole=True, always=True),
     'Logout': Command('', 'end', _FREE, _logout),
     'Start': Command('0', 'start the tasks', _SOUND, _start, Event.START),
     'Stop': Command('', 'stop the tasks', _AUTO, _plain, Event.STOP),
@@ -397,9 +397,9 @@ COMMANDS: dict[str, Command] = {
     **_io_commands(),
     'GetVariable': Command('name,…', 'no variables here', _FREE, partial(_variable, 1, 3)),
     'SetVariable': Command('name,value,…', 'no variables here', _IDLE, partial(_variable, 2, 3)),
-    'GetStatus': Command('', 'flags, error number', _FREE, _get_status, beside=True),
+    'GetStatus': Command('', 'flags, error number', _FREE, _get_status, always=True),
     'Execute': Command('"statement"', 'execute statements', _SOUND, _execute, whole=True),
-    'Abort': Command('', 'end the execution', _AUTO, _abort, beside=True),
+    'Abort': Command('', 'end the execution', _AUTO, _abort, always=True),
     'GetMotor': Command('robot', 'robots, motors on, power high', _FREE, _get_motor),
     'GetRobotInfo': Command('', 'robots, type, model', _FREE, _get_robot_info),
     'GetRobotName': Command('robot', 'robots, name', _FREE, _get_robot_name),
@@ -423,7 +423,7 @@ COMMANDS: dict[str, Command] = {
     'GetHealthRB': Command('robot,part,joint', '-1: no health data', _FREE, _fixed('-1')),
     'GetPartWarning': Command('robot', 'no warnings of six parts', _FREE, _fixed('0,0,0,0,0,0')),
     'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
-    'Sim': Command('…', 'only in the simulation', _FREE, _sim, beside=True),
+    'Sim': Command('…', 'only in the simulation', _FREE, _sim, always=True),
 }
 """Name → command."""
 

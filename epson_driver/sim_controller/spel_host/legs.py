@@ -181,7 +181,7 @@ def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
 
 
 def _scaled(limits: JointLimits, speed: float, accel: float) -> JointLimits:
-    return changed(limits, lambda kind, most: most * (speed if kind == 'velocity' else accel))
+    return changed(limits, lambda kind, limit: limit * (speed if kind == 'velocity' else accel))
 
 
 def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:

@@ -58,13 +58,13 @@ def _joints(
     rows = [start]
     for number in range(1, samples + 1):
         result = kinematics.inverse(path.pose(number / samples), rows[-1])
-        at = f'at {number / samples * 100.0:.0f} % of the path'
+        where = f'at {number / samples * 100.0:.0f} % of the path'
         if not len(result):
-            raise ValueError(f'out of reach {at}')
+            raise ValueError(f'out of reach {where}')
         if np.max(np.abs(result[0] - rows[-1])) > MAX_JOINT_STEP:
             if avoids and any(_is_near(kinematics, joints) for joints in (rows[-1], result[0])):
-                raise ValueError(f'a singularity {at}: AvoidSingularity is not simulated')
-            raise _JumpError(f'a joint would have to jump {at}')
+                raise ValueError(f'a singularity {where}: AvoidSingularity is not simulated')
+            raise _JumpError(f'a joint would have to jump {where}')
         rows.append(result[0])
     return np.array(rows)
 

@@ -200,7 +200,7 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     here, target = robot.points.place(robot.motion.start), robot.points.stored(request.points[-1])
     step = request.numbers['tlz']
     x, y, *_ = within(here, target).values
-    above = (combined(here, SpelPoint('xy', (*at, step, 0, 0, 0))) for at in ((0, 0), (x, y)))
+    above = (combined(here, SpelPoint('xy', (*xy, step, 0, 0, 0))) for xy in ((0, 0), (x, y)))
     return _jump3(robot, replace(request, name='jump3', points=(*above, target)))
 
 
