@@ -77,6 +77,7 @@ if(NOT _pip_env_prefix)
   return()
 endif()
 list(PREPEND CMAKE_PREFIX_PATH "${_pip_env_prefix}")
+set(rosidl_default_generators_DIR "${CMAKE_CURRENT_LIST_DIR}/rosidl_default_generators")
 
 # The message wheels' imported targets name include directories of the machine that built them,
 # and CMake refuses directories that do not exist.
