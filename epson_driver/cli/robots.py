@@ -14,11 +14,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from epson_driver.bringup import BringupError, write_moveit_package
 from epson_driver.cli.arguments import help_texts, picture
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
-from epson_driver.report.envelope import PictureError, draw_envelope
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.chain import SHOWN_UNITS
 from epson_driver.robots.model import SCARA
@@ -48,19 +46,13 @@ def main() -> int:
     if arguments.picture and not arguments.model:
         parser.error('--picture: MODEL is missing')
     try:
-        if arguments.picture:
-            draw_envelope(arguments.picture, load_robot_model(arguments.model))
-            print(arguments.picture)
-            return 0
-        if arguments.moveit:
-            for path in write_moveit_package(arguments.model, arguments.moveit):
-                print(path)
-            return 0
+        if arguments.picture or arguments.moveit:
+            return _write(arguments)
         if arguments.model:
             sheets = _sheets(load_robot_model(arguments.model))
         else:
             sheets = [_overview(arguments)]
-    except (OSError, InputError, BringupError, PictureError) as error:
+    except (OSError, InputError) as error:
         parser.error(str(error))
     console = Console(highlight=False)
     plain = arguments.plain or not console.is_terminal
@@ -68,6 +60,27 @@ def main() -> int:
         _print(sheets, console, plain)
     except BrokenPipeError:  # `| head` has closed the pipe, into which Python flushes at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _write(arguments: argparse.Namespace) -> int:
+    """Write the plot, or else the MoveIt package, print each path, and return 0.
+
+    Raises InputError if that is impossible.
+    """
+    # here, because they import half of this package
+    from epson_driver.bringup import BringupError, write_moveit_package
+    from epson_driver.report.envelope import PictureError, draw_envelope
+
+    paths = [arguments.picture]
+    try:
+        if arguments.picture:
+            draw_envelope(arguments.picture, load_robot_model(arguments.model))
+        else:
+            paths = write_moveit_package(arguments.model, arguments.moveit)
+    except (BringupError, PictureError) as error:
+        raise InputError(str(error)) from error
+    print(*paths, sep='\n')
     return 0
 
 

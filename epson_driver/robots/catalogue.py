@@ -9,7 +9,7 @@ overrides the data of that model.
 
 import re
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +49,7 @@ class Layer(NamedTuple):
 
 def robot_models() -> tuple[str, ...]:
     """Return the names of all models in config/robots/, sorted."""
-    return tuple(sorted(name for path in _series_files() for name in _rows(path)))
+    return tuple(_models())
 
 
 def model_name(name: str) -> str:
@@ -62,10 +62,9 @@ def model_name(name: str) -> str:
     """
     if name.endswith('.yaml'):
         return name
-    listed = robot_models()
-    if name in listed:
+    if name in _models():
         return name
-    models = {_plain(item): item for item in listed}
+    models = {_plain(item): item for item in _models()}
     plain = _plain(name)
     start = SOLD_AS.get(plain) or [
         element for key, element in models.items() if plain and key.startswith(plain)
@@ -99,30 +98,26 @@ def layers(name: str) -> list[Layer]:
                 why = str(error)
         line = yaml_line(path, ('like',))
         raise InputError(f'{printable(path)}, line {line}: like = {shown(like)}: {why}')
-    path = next(path for path in _series_files() if name in _rows(path))
-    series, rows = _read(path, path.stat().st_mtime_ns)
-    row = rows[name]
-    likes = [rows[_listed(row.values['like'])]] if 'like' in row.values else []
+    series, row = _models()[name]
+    likes = [_models()[_listed(row.values['like'])][1]] if 'like' in row.values else []
     return [series, *likes, row]
 
 
-def _series_files() -> list[Path]:
-    return sorted(share_path('config', 'robots').glob('*.yaml'))
+@cache
+def _models() -> dict[str, tuple[Layer, Layer]]:
+    """Return the layers of the series and of the model, by the name of the model, sorted.
 
-
-def _rows(path: Path) -> dict[str, Layer]:
-    return _read(path, path.stat().st_mtime_ns)[1]
-
-
-@lru_cache(maxsize=64)
-def _read(path: Path, _changed: int) -> tuple[Layer, dict[str, Layer]]:
-    """Return the common layer of a series, and its models by name."""
-    series = dict(_mapping(path, 'the file', read_yaml(path)))
-    rows = _mapping(path, 'models', series.pop('models', None))
-    return Layer(path, (), series), {
-        _listed(name): Layer(path, ('models', name), _mapping(path, f'models.{name}', row))
-        for name, row in rows.items()
-    }
+    The files are read once in a process.
+    """
+    result: dict[str, tuple[Layer, Layer]] = {}
+    for path in share_path('config', 'robots').glob('*.yaml'):
+        series = dict(_mapping(path, 'the file', read_yaml(path)))
+        rows = _mapping(path, 'models', series.pop('models', None))
+        common = Layer(path, (), series)
+        for name, row in rows.items():
+            own = Layer(path, ('models', name), _mapping(path, f'models.{name}', row))
+            result[_listed(name)] = common, own
+    return dict(sorted(result.items()))
 
 
 def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
