@@ -52,7 +52,6 @@ from epson_driver.spel.syntax import (
     Wait,
     Xqt,
     inner_blocks,
-    walk,
 )
 from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
 
@@ -730,7 +729,7 @@ def _gives_value(function: Function) -> bool:
     """Return whether a function assigns a value to its name."""
     return any(
         isinstance(node, Assign) and node.target.name.lower() == function.name.lower()
-        for node in walk(function.body)
+        for node in function.nodes
     )
 
 

@@ -40,6 +40,8 @@ _LEVELS: tuple[tuple[str, ...], ...] = (
     ('*', '/'),
     ('**',),
 )
+_LEVEL = {operator: level for level, row in enumerate(_LEVELS) for operator in row}
+_NOT = _LEVELS.index(())
 _SAME = {'=<': '<=', '=>': '>='}
 _POINT_FUNCTIONS = frozenset(
     [name for name, rule in FUNCTIONS.items() if rule.result == POINT]
@@ -73,23 +75,20 @@ class Reader:
         self._next = 0
         self._depth = 0
         self._operators = 0
-        self._start = at
+        if found:
+            (file, line, column), text = found[-1].position, found[-1].text
+            at = Position(file, line, column + len(text))
+        self._end = Token(END, '', at)
 
     @property
     def here(self) -> Token:
         """Return the next token, or END after the last one."""
-        if self._next < len(self._tokens):
-            return self._tokens[self._next]
-        at = self._start
-        if self._tokens:
-            last = self._tokens[-1]
-            at = last.position._replace(column=last.position.column + len(last.text))
-        return Token(END, '', at)
+        return self.look(0)
 
     def look(self, ahead: int) -> Token:
-        """Return the token at the offset `ahead` from the next one."""
+        """Return the token at the offset `ahead` from the next one, or END after the last one."""
         index = self._next + ahead
-        return self._tokens[index] if index < len(self._tokens) else Token(END, '', self._start)
+        return self._tokens[index] if index < len(self._tokens) else self._end
 
     def past_brackets(self, ahead: int = 0) -> int:
         """Return the offset of the token after the brackets that open at the offset `ahead`."""
@@ -168,14 +167,16 @@ class Reader:
         """Read an expression. Return None at the statement's end or before one of these words."""
         return None if self.at_end() or self.sees(*ends) else self.expression()
 
-    def _binary(self, level: int) -> Expression:
-        if level == len(_LEVELS):
-            return self._point()
-        operators = _LEVELS[level]
-        if not operators:
-            return self._not(level)
-        left = self._binary(level + 1)
-        while self.sees(*operators):
+    def _binary(self, lowest: int) -> Expression:
+        """Read operands with operators of the level `lowest` and above, by precedence climbing."""
+        if lowest <= _NOT and self.sees('not'):
+            token = self.step()
+            self._deeper()
+            left: Expression = Unary('not', self._binary(_NOT), token.position)
+            self._depth -= 1
+        else:
+            left = self._point()
+        while (level := self._level()) >= lowest:
             token = self.step()
             self._operators += 1
             if self._operators > MAX_OPERATORS:
@@ -184,14 +185,10 @@ class Reader:
             left = Binary(operator, left, self._binary(level + 1), token.position)
         return left
 
-    def _not(self, level: int) -> Expression:
-        if not self.sees('not'):
-            return self._binary(level + 1)
-        token = self.step()
-        self._deeper()
-        operand = self._not(level)
-        self._depth -= 1
-        return Unary('not', operand, token.position)
+    def _level(self) -> int:
+        """Return the level of the operator that is the next token, or -1."""
+        token = self.here
+        return _LEVEL.get(token.lower, -1) if token.kind in (NAME, SYMBOL) else -1
 
     def _deeper(self) -> None:
         self._depth += 1

@@ -8,10 +8,11 @@ language does not define, or that usually fail. Each rule has a name and a row i
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 from epson_driver.inputs.rc_files import RcFileError, header_fault, parsed
@@ -181,9 +182,9 @@ def _long_lines(name: str, text: str) -> Iterator[Problem]:
             yield Problem(Position(name, number, LONGEST_LINE + 1), 'line-length', message)
 
 
-def _task_names(body: Any) -> Iterator[Any]:
+def _task_names(function: Function) -> Iterator[Any]:
     """Yield nodes that name a task without a call, as in TaskState(main) and Quit main."""
-    for node in walk(body):
+    for node in function.nodes:
         if isinstance(node, TaskCommand):
             yield from walk(node.task)
         elif isinstance(node, Apply):
@@ -198,6 +199,27 @@ def _instead(function: str) -> bool:
     Such functions never run together with main.
     """
     return function.startswith('main') and function[4:].isdigit()
+
+
+def _waits(node: Any) -> bool:
+    """Return whether a statement waits."""
+    if isinstance(node, Command | TaskCommand):
+        return node.name.lower() in _WAITING_COMMANDS
+    if isinstance(node, Print):
+        return node.port is not None
+    return isinstance(node, Wait | Motion | Input | Transfer | Stub)
+
+
+def _closure(names: Iterable[str], following: Mapping[str, Iterable[str]]) -> set[str]:
+    """Return the names and all names that follow from them, directly or not."""
+    result: set[str] = set()
+    todo = list(names)
+    while todo:
+        name = todo.pop()
+        if name not in result:
+            result.add(name)
+            todo.extend(following.get(name, ()))
+    return result
 
 
 @dataclass(frozen=True)
@@ -233,7 +255,7 @@ class _Lint:
             self._comparisons,
             self._nesting,
             self._numbers,
-            lambda: literals(program, list(self.functions.values())),
+            lambda: literals(program),
             lambda: unreachable(self.functions),
             lambda: unproven(self.functions),
             self._use,
@@ -248,43 +270,39 @@ class _Lint:
     def _nodes(self, *kinds: type) -> Iterator[Any]:
         """Yield the nodes of some types in the functions."""
         for function in self.functions.values():
-            yield from (node for node in walk(function.body) if isinstance(node, kinds))
+            yield from (node for node in function.nodes if isinstance(node, kinds))
 
     @cached_property
     def _whole(self) -> list[Any]:
         """All syntax nodes in the declarations and function bodies of the program."""
-        return [
-            node
-            for file in self.program.files
-            for node in walk([*file.declarations, *(function.body for function in file.functions)])
-        ]
+        parts: list[Iterable[Any]] = []
+        for file in self.program.files:
+            parts += [walk(file.declarations), *(function.nodes for function in file.functions)]
+        return list(chain.from_iterable(parts))
 
     # The call graph
 
-    def _called(self, function: Function) -> set[str]:
-        """Return the functions that a function calls directly, in lower case."""
-        result = set()
-        named = set(map(id, _task_names(function.body)))
-        for node in walk(function.body):
-            if not isinstance(node, Call | Apply | Name) or id(node) in named:
-                continue
-            if node.name.lower() in self.functions:
-                result.add(node.name.lower())
+    @cached_property
+    def _called(self) -> dict[str, set[str]]:
+        """The functions that each function calls directly, in lower case."""
+        result: dict[str, set[str]] = {}
+        for name, function in self.functions.items():
+            named = set(map(id, _task_names(function)))
+            calls = (
+                node.name.lower()
+                for node in function.nodes
+                if isinstance(node, Call | Apply | Name) and id(node) not in named
+            )
+            result[name] = self.functions.keys() & set(calls)
         return result
 
     def _reached(self, root: str) -> set[str]:
         """Return a function and all functions that it calls."""
-        seen: set[str] = set()
-        todo = [root]
-        while todo:
-            name = todo.pop()
-            if name not in seen and name in self.functions:
-                seen.add(name)
-                todo.extend(self._called(self.functions[name]))
-        return seen
+        return _closure([root], self._called) if root in self.functions else set()
 
+    @cached_property
     def _roots(self) -> list[_Root]:
-        """Return the functions that start tasks, with the type of each task."""
+        """The functions that start tasks, with the type of each task."""
         roots: dict[tuple[str, TaskType], _Root] = {}
         todo: list[_Root] = []
         for name, function in self.functions.items():
@@ -298,7 +316,7 @@ class _Lint:
                 continue
             roots[root.function, root.type] = root
             for name in self._reached(root.function):
-                for node in walk(self.functions[name].body):
+                for node in self.functions[name].nodes:
                     started = self._started(node, root.type)
                     if started is not None:
                         todo.append(started)
@@ -320,7 +338,7 @@ class _Lint:
     # Rules
 
     def _use(self) -> Iterator[Problem]:
-        roots = [root.function for root in self._roots()]
+        roots = [root.function for root in self._roots]
         reached = {root: self._reached(root) for root in roots}
         yield from unused(self.program, self.files, set(roots))
         traps = {node.target.lower() for node in self._nodes(Trap) if node.action != 'goto'}
@@ -362,9 +380,9 @@ class _Lint:
             yield Problem(at, 'version', text)
 
     def _task_types(self) -> Iterator[Problem]:
-        for root in self._roots():
+        for root in self._roots:
             for name in sorted(self._reached(root.function)):
-                for node in walk(self.functions[name].body):
+                for node in self.functions[name].nodes:
                     if isinstance(node, Command | Motion | Store):
                         word, words = node.name.lower(), getattr(node, 'words', ())
                     elif isinstance(node, Xqt | Trap):
@@ -382,7 +400,7 @@ class _Lint:
 
     def _ports(self) -> Iterator[Problem]:
         users: dict[int, dict[str, Position]] = defaultdict(dict)
-        for root in self._roots():
+        for root in self._roots:
             for name in () if _instead(root.function) else self._reached(root.function):
                 for port, at in self._used_ports(self.functions[name]):
                     users[port].setdefault(root.function, at)
@@ -393,7 +411,7 @@ class _Lint:
                 yield Problem(max(tasks.values()), 'port-shared', text, warning=True)
 
     def _used_ports(self, function: Function) -> Iterator[tuple[int, Position]]:
-        for node in walk(function.body):
+        for node in function.nodes:
             expression: Expression | None = None
             if isinstance(node, Print | Input | Transfer):
                 expression = node.port
@@ -403,32 +421,31 @@ class _Lint:
             if isinstance(port, int):
                 yield port, node.at
 
-    def _waits(self, name: str, seen: frozenset[str] = frozenset()) -> bool:
-        """Return whether a function, or any function that it calls, waits."""
-        if name in seen or name not in self.functions:
-            return False
-        return self._block_waits(self.functions[name].body, seen | {name})
-
-    def _block_waits(self, body: Any, seen: frozenset[str]) -> bool:
-        for node in walk(body):
-            if isinstance(node, Wait | Motion | Input | Transfer | Stub):
-                return True
-            name = getattr(node, 'name', '')
-            if isinstance(node, Command | TaskCommand) and name.lower() in _WAITING_COMMANDS:
-                return True
-            if isinstance(node, Print) and node.port is not None:
-                return True
-            if isinstance(node, Call | Apply) and self._waits(name.lower(), seen):
-                return True
-        return False
+    @cached_property
+    def _waiting(self) -> set[str]:
+        """The functions that wait, or call a function that does."""
+        callers: dict[str, set[str]] = defaultdict(set)
+        for name, function in self.functions.items():
+            for node in function.nodes:
+                if isinstance(node, Call | Apply):
+                    callers[node.name.lower()].add(name)
+        waiting = [
+            name for name, function in self.functions.items() if any(map(_waits, function.nodes))
+        ]
+        return _closure(waiting, callers)
 
     def _loops(self) -> Iterator[Problem]:
         for node in self._nodes(Do):
             tests = [test for test in (node.before, node.after) if test is not None]
             polls = any(self._asks(test.condition) for test in tests)
-            if (polls or not tests) and not self._block_waits(node.body, frozenset()):
+            if (polls or not tests) and not any(map(self._is_wait, walk(node.body))):
                 text = 'the loop has no Wait: put one of 0.01 s or more into it'
                 yield Problem(node.at, 'endless-loop', text, warning=True)
+
+    def _is_wait(self, node: Any) -> bool:
+        return _waits(node) or (
+            isinstance(node, Call | Apply) and node.name.lower() in self._waiting
+        )
 
     def _asks(self, condition: Expression) -> bool:
         """Return whether a condition depends on inputs or on another task."""
@@ -454,7 +471,7 @@ class _Lint:
         for function in self.functions.values():
             handlers = {
                 node.label.lower()
-                for node in walk(function.body)
+                for node in function.nodes
                 if isinstance(node, OnErr) and node.label is not None
             }
             yield from self._fallen_into(function.body, handlers)
@@ -476,7 +493,7 @@ class _Lint:
         watched: dict[str, Position] = {}
         handed: dict[str, Position] = {}
         for function in self.functions.values():
-            for node in walk(function.body):
+            for node in function.nodes:
                 condition = None
                 if isinstance(node, Wait | Trap | Store):
                     condition = node.condition
@@ -504,7 +521,7 @@ class _Lint:
     def _comparisons(self) -> Iterator[Problem]:
         booleans = self._booleans()
         for name, function in self.functions.items():
-            for node in walk(function.body):
+            for node in function.nodes:
                 if not isinstance(node, Binary):
                     continue
                 if node.operator in ('=', '<>'):

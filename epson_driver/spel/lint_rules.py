@@ -3,7 +3,7 @@
 """Rules of the linter about unused and unreachable code, use by two tasks, literal numbers."""
 
 import re
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Callable, Iterator, Mapping
 
 from epson_driver.spel.code import Program
@@ -98,7 +98,7 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
 def unproven(functions: Mapping[str, Function]) -> Iterator[Problem]:
     """Yield Cases with a list of values: p714 has one, like all 1,392 Cases of 68 projects."""
     for function in functions.values():
-        for node in walk(function.body):
+        for node in function.nodes:
             if isinstance(node, Select):
                 for items, _ in node.cases:
                     if len(items) > 1:
@@ -115,7 +115,12 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
     """
     times = Counter(name for text in files.values() for name in _names(text))
     functions = [element for file in program.files for element in file.functions]
-    words = {node.name.lower() for node in walk(program.files) if isinstance(node, Command | Stub)}
+    words = {
+        node.name.lower()
+        for function in functions
+        for node in function.nodes
+        if isinstance(node, Command | Stub)
+    }
     if 'main' in roots and not words & _WINDOWS:
         for function in functions:
             name = function.name.lower()
@@ -130,7 +135,7 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
         lines = files.get(file.name, '').split('\n')
         for function in file.functions:
             text = '\n'.join(lines[function.at.line - 1 : function.end.line])
-            own = [item for item in walk(function.body) if isinstance(item, Declaration)]
+            own = [item for item in function.nodes if isinstance(item, Declaration)]
             yield from _once(own, Counter(_names(text)))
 
 
@@ -172,7 +177,7 @@ def shared(tasks: Mapping[str, set[str]], functions: Mapping[str, Function]) -> 
 
 def _chooses_robot(function: Function) -> bool:
     return any(
-        isinstance(node, Command) and node.name.lower() == 'robot' for node in walk(function.body)
+        isinstance(node, Command) and node.name.lower() == 'robot' for node in function.nodes
     )
 
 
@@ -182,7 +187,7 @@ def _owned(function: Function) -> Iterator[tuple[str, Position]]:
         'on': lambda number: f'output {number:g} is switched by',
         'off': lambda number: f'output {number:g} is switched by',
     }
-    for node in walk(function.body):
+    for node in function.nodes:
         if isinstance(node, Motion) or (isinstance(node, Command) and node.name.lower() in MOVING):
             yield _MOVED, node.at
         elif isinstance(node, Command) and node.name.lower() in of:
@@ -220,12 +225,10 @@ def _outside(name: str, place: int, number: Expression | None, key: str = '') ->
         yield Problem(number.at, 'not-simulated', text, warning=True)
 
 
-def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
+def literals(program: Program) -> Iterator[Problem]:
     """Yield numbers out of range, divisors of 0, and indices beyond an array."""
-    resized = _resized(program)
-    for function in functions:
-        bounds = _bounds(program, function, resized)
-        for node in walk(function.body):
+    for function, bounds in _arrays(program):
+        for node in function.nodes:
             if isinstance(node, Command):
                 for place, value in enumerate(node.arguments):
                     yield from _outside(node.name, place, value)
@@ -252,8 +255,8 @@ def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
                 yield from _device(node.port)
             elif isinstance(node, Apply):
                 name = node.name.lower()
-                if name in bounds:
-                    yield from _index(node, bounds[name])
+                if known := bounds.get(name):
+                    yield from _index(node, known)
                 else:
                     for place, argument in enumerate(node.arguments):
                         yield from _outside(node.name, place, argument.value, key_of(name))
@@ -272,32 +275,40 @@ def _device(port: Expression | None) -> Iterator[Problem]:
         yield Problem(port.at, 'range', f'unknown port or file {value:g}')
 
 
-def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str, tuple[int, ...]]:
-    """Return the upper bounds of a function's arrays, except arrays that are resized."""
-    result: dict[str, tuple[int, ...]] = {}
-    seen = [
-        declaration
-        for file in program.files
-        for declaration in file.declarations
-        if declaration.scope != 'module' or function in file.functions
-    ]
-    seen += [item for item in walk(function.body) if isinstance(item, Declaration)]
-    for declaration in seen:
-        for variable in declaration.variables:
-            numbers = [_number(bound) for bound in variable.bounds]
-            name = variable.name.lower()
-            result.pop(name, None)
-            if numbers and all(isinstance(number, int) for number in numbers):
-                result[name] = tuple(int(number) for number in numbers if number is not None)
-    for name in {*resized, *(parameter.name.lower() for parameter in function.parameters)}:
-        result.pop(name, None)
-    return result
+Bounds = dict[str, tuple[int, ...]]
+"""Name of a variable in lower case → upper bounds, () if it is no array of constant bounds."""
+
+
+def _arrays(program: Program) -> Iterator[tuple[Function, ChainMap[str, tuple[int, ...]]]]:
+    """Yield each function with the arrays that it sees, () for arrays that are resized."""
+    resized: Bounds = dict.fromkeys(_resized(program), ())
+    shared: Bounds = {}
+    modules: list[Bounds] = []
+    for file in program.files:
+        modules.append({})
+        for declaration in file.declarations:
+            within = modules[-1] if declaration.scope == 'module' else shared
+            within.update(_bounds(declaration))
+    for file, module in zip(program.files, modules, strict=True):
+        for function in file.functions:
+            local: Bounds = {parameter.name.lower(): () for parameter in function.parameters}
+            for node in function.nodes:
+                if isinstance(node, Declaration):
+                    local.update(_bounds(node))
+            yield function, ChainMap(resized, local, module, shared)
+
+
+def _bounds(declaration: Declaration) -> Iterator[tuple[str, tuple[int, ...]]]:
+    for variable in declaration.variables:
+        numbers = [_number(bound) for bound in variable.bounds]
+        known = [number for number in numbers if isinstance(number, int)]
+        yield variable.name.lower(), tuple(known) if len(known) == len(numbers) else ()
 
 
 def _resized(program: Program) -> set[str]:
     """Return the arrays that Redim and ParseStr resize."""
     result = set()
-    for node in walk([file.functions for file in program.files]):
+    for node in (node for file in program.files for of in file.functions for node in of.nodes):
         if isinstance(node, Redim):
             result.add(node.name.lower())
         elif isinstance(node, Command | Apply) and node.name.lower() == 'parsestr':

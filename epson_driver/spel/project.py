@@ -8,6 +8,7 @@ the label of a point or of I/O is then treated as one, with a warning.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 
 from epson_driver.inputs import InputError, shown
 from epson_driver.spel.code import FunctionCode, Program, Variable
@@ -345,7 +346,8 @@ def command(program: Program, text: str, evaluated: bool = False) -> FunctionCod
 
 def reserved_names(file: File, version: tuple[int, ...]) -> Iterator[Problem]:
     """Yield the names of a file that are words of SPEL+, up to a version."""
-    for node in walk([file.functions, file.declarations]):
+    inner = [(of, *of.parameters, *of.nodes) for of in file.functions]
+    for node in chain(*inner, walk(file.declarations)):
         if not isinstance(node, Function | Parameter | VariableName | Label):
             continue
         if reserved(node.name, version):

@@ -166,6 +166,8 @@ _COMMON_SHARE = 0.6
 def _code_page(content: bytes) -> str:
     """Return the encoding with the largest fraction of common characters, or latin-1."""
     best, chosen = _COMMON_SHARE, 'latin-1'
+    if content.isascii():
+        return chosen
     for name, leads in _LEADS.items():
         try:
             text = content.decode(name)

@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Literal
 
 from epson_driver.spel.errors import Position
@@ -430,7 +430,7 @@ class Parameter:
     at: Position
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Function:
     """Function … Fend. `result` is the type of its value, '' for none."""
 
@@ -440,6 +440,11 @@ class Function:
     body: Block
     at: Position
     end: Position
+
+    @cached_property
+    def nodes(self) -> tuple[Any, ...]:
+        """All nodes of the body, stored because each rule of the linter reads them."""
+        return tuple(walk(self.body))
 
 
 @dataclass(frozen=True, slots=True)

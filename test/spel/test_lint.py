@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The linter's rules: their positions, and valid programs without problems."""
 
+import sys
+
 import pytest
 from support.spel_harness import files
 
@@ -270,3 +272,38 @@ def test_valid_program_has_no_problems(source: str) -> None:
 
 def test_comment_does_not_suppress_an_error() -> None:
     assert found(main("  Speed 120 ' check off: range")) == [('range', 3)]
+
+
+def _large_program(functions: int) -> str:
+    """Return a program in which each function has arrays, a loop, and a call of the next one."""
+    body = (
+        '  Integer i\n  For i = 0 To 9\n    m{0}(i) = i\n    If Sw(i) = On Then Wait 1\n  Next\n'
+    )
+    every = ''.join(
+        f'Integer m{number}(9)\nFunction {"main" if number == 0 else f"f{number}"}\n'
+        f'{body.format(number)}\n  f{(number + 1) % functions}\nFend\n'
+        for number in range(functions)
+    )
+    return every.replace('  f0\n', '')
+
+
+def _calls(functions: int) -> int:
+    """Return the number of function calls that a check of such a program makes."""
+    given = {'main.prg': _large_program(functions)}
+    count = 0
+
+    def event(_frame: object, kind: str, _what: object) -> None:
+        nonlocal count
+        count += kind in ('call', 'c_call')
+
+    sys.setprofile(event)
+    try:
+        assert [problem for problem in check(given) if not problem.warning] == []
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+def test_check_is_linear_in_the_number_of_functions() -> None:
+    _calls(10)  # fills caches
+    assert _calls(80) < 2.05 * _calls(40)
