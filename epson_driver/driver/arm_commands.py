@@ -326,6 +326,7 @@ class ArmCommands:
             return
         report = await self._driver.motors.status(ANSWER_TIMEOUT_S)
         if report is not None and (inhibit := refusal_inhibit(*report, errors)):
+            self._driver.gate.refusal = inhibit
             raise _inhibited(inhibit)
 
     async def _act(self, action: Action) -> None:
@@ -334,6 +335,7 @@ class ArmCommands:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
             raise self._refused(action, error) from error
+        self._driver.gate.refusal = None
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
         """Return a failed action as CommandError, with the reason from the controller's status.
@@ -343,6 +345,7 @@ class ArmCommands:
         robot, inhibit = self._driver.robot, None
         if error.status is not None:
             inhibit = refusal_inhibit(*error.status, robot.errors)
+            self._driver.gate.refusal = inhibit
         inhibit = inhibit or manual_inhibit(robot.status or Status())
         if inhibit is None or (action is Action.RESET and inhibit.remedy is Remedy.RESET):
             return CommandError(str(error))

@@ -332,7 +332,8 @@ class Driver:
         quiet = self.gate.reason is not None and self._pending_log is None  # `fault` logs nothing
         inhibit = self.why_not(Purpose.RUN, now)
         if inhibit is not None and inhibit.cause is not Cause.PAUSED:
-            self.fault(inhibit.text, motors_off=inhibit.cause is Cause.MOTORS_OFF)
+            self.disable(inhibit.reason, motors_off=inhibit.cause is Cause.MOTORS_OFF)
+            self.goal_queue.fault(inhibit.text)
         else:
             self.goal_queue.on_status(now)
         self._log_condition(status, before, now, quiet=quiet)

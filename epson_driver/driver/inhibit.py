@@ -74,13 +74,20 @@ class Inhibit:
     """A reason why the arm may not move.
 
     `text`: the reason, as part of a sentence. `advice`: the first remedy for a controller error
-    from the manufacturer's documentation, or ''.
+    from the manufacturer's documentation, or ''. `past`: the text for an arm that is still
+    disabled after the cause has passed, or '' if it is the same.
     """
 
     cause: Cause
     remedy: Remedy
     text: str
     advice: str = ''
+    past: str = ''
+
+    @property
+    def reason(self) -> str:
+        """The reason for disabling the arm, which remains true when the cause has passed."""
+        return self.past or self.text
 
     @property
     def text_with_remedy(self) -> str:
@@ -118,8 +125,14 @@ def _error(status: Status, errors: ErrorTexts) -> str:
     return f'error {errors.phrase(status.error_code)}'
 
 
-def not_enabled(reason: str) -> Inhibit:
-    """Return the inhibit for a closed arm gate. `reason`: why it was closed."""
+def not_enabled(reason: str, refusal: Inhibit | None = None) -> Inhibit:
+    """Return the inhibit for a closed arm gate. `reason`: why it was closed.
+
+    `refusal`: why the controller refused the last attempt to enable the arm, if it did.
+    """
+    if refusal is not None:
+        text = f'the arm is not enabled (at the last attempt {refusal.reason})'
+        return Inhibit(Cause.NOT_ENABLED, refusal.remedy, text, refusal.advice)
     return Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, f'the arm is not enabled ({reason})')
 
 
@@ -131,6 +144,7 @@ def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
         Remedy.RESET,
         f'the controller is in error {errors.phrase(number)}',
         errors.advice(number, 'remove the cause'),
+        f'the controller was in error {errors.phrase(number)}',
     )
 
 
@@ -143,7 +157,8 @@ def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
     error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
     if status.e_stopped == TriState.TRUE:
         text = f'the E-stop is pressed or not reset{error}'
-        return Inhibit(Cause.ESTOP, Remedy.RELEASE_ESTOP, text)
+        past = f'the E-stop was pressed{error}'
+        return Inhibit(Cause.ESTOP, Remedy.RELEASE_ESTOP, text, past=past)
     if status.in_error == TriState.TRUE:
         return controller_error(status, errors)
     if status.drives_powered == TriState.FALSE:
@@ -191,7 +206,9 @@ def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> In
         ('Paused', Cause.PAUSED, Remedy.CONTINUE, 'the tasks are paused'),
     ):
         if flag in flags:
-            return Inhibit(cause, remedy, text, advice if cause is Cause.ERROR else '')
+            past = text.replace(' is ', ' was ').replace(' are ', ' were ')
+            past = past.replace(' or not reset', '')
+            return Inhibit(cause, remedy, text, advice if cause is Cause.ERROR else '', past)
     return None
 
 

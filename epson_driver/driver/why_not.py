@@ -123,17 +123,22 @@ class InhibitTable:
 
     def _not_enabled(self, _now: float) -> Inhibit | None:
         reason = self.gate.reason
-        return None if reason is None else manual_inhibit(self._status) or not_enabled(reason)
+        if reason is None:
+            return None
+        return manual_inhibit(self._status) or not_enabled(reason, self.gate.refusal)
 
     def _closed(self, now: float) -> Inhibit | None:
         """Return why the arm gate was closed, and what inhibits opening it now."""
         if self.gate.reason is None:
             return None
-        closed, result = not_enabled(self.gate.reason), self(Purpose.REPORT, now)
+        reason, result = self.gate.reason, self(Purpose.REPORT, now)
         if result is None or result.cause is Cause.NOT_ENABLED:
-            return closed
-        more = '' if result.text in closed.text else f': {result.text}'
-        return replace(result, text=closed.text + more)
+            return not_enabled(reason, self.gate.refusal)
+        if result.reason in reason:
+            text = not_enabled(reason.replace(result.reason, result.text)).text
+        else:
+            text = f'{not_enabled(reason).text}: {result.text}'
+        return replace(result, text=text)
 
     def _motors_off(self, _now: float) -> Inhibit | None:
         return status_inhibit(self._status, self.robot.errors)

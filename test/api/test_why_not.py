@@ -90,8 +90,9 @@ async def test_refused_motion_and_enable_name_the_cause(profile: str, name: str)
             with pytest.raises(MotionError, match=row.move):
                 robot.servo(near)
         if row.in_status or profile not in NO_REMOTE_ETHERNET:
-            with pytest.raises(RobotError, match=row.enable):
+            with pytest.raises(RobotError, match=row.enable) as refused:
                 await robot.enable()
+            assert str(refused.value).endswith(robot.status.remedy)
         else:  # the refusal has no reason
             with pytest.raises(RobotError, match=r'START_SERVOS: FAILURE: .* a safeguard door is'):
                 await robot.enable()

@@ -75,14 +75,14 @@ FAULTS: dict[str, Row] = {
     'e_stop': Row(
         events=(Event.ESTOP_PRESS,),
         text='the E-stop is pressed or not reset',
-        gate='the E-stop is pressed or not reset',
+        gate='the E-stop (is|was) pressed',
         repair=(Event.ESTOP_RELEASE,),
         reset=True,
     ),
     'motors_off': Row(
         events=(Event.MOTORS_OFF,),
         text='the motors are off|motors off',
-        gate='the motors are off|the controller is in error',
+        gate='the motors are off|the controller (is|was) in error',
         reset=True,
     ),
     'door': Row(
@@ -94,7 +94,7 @@ FAULTS: dict[str, Row] = {
     'failure_reply': Row(  # a point of the goal is refused
         points=(*WAY[:2], pose(JOINT_1_END)),
         text=r'the controller refused point 3 of 4 \(FAILURE reply\): .*4001',
-        gate='the controller is in error 4001',
+        gate='the controller (is|was) in error 4001',
         reset=True,
     ),
     'lost_reply': Row(
@@ -165,7 +165,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     ('failure_reply', 'fanuc'): {
         'text': '(refused|withdrew an acknowledgement before) point 3 of 4'
         '.*(4001|the motion link was lost)|the motion link was lost: .*closed by the controller',
-        'gate': 'the controller is in error 4001|the motion link was lost',
+        'gate': 'the controller (is|was) in error 4001|the motion link was lost',
     },
     # Points of a download are topics without replies, so only STOP's reply can be lost.
     ('lost_reply', 'download'): STOP_UNANSWERED,
@@ -188,7 +188,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
             ('cut', 'cut', 0.3),
         )
     },
-    ('door', 'remote'): dict.fromkeys(('text', 'gate'), 'the safeguard door is open'),
+    ('door', 'remote'): dict.fromkeys(('text', 'gate'), 'the safeguard door (is|was) open'),
 }
 
 ANSWER_A_POINT_FIRST = ('simulated', 'rc700a', 'generic', 'fanuc')

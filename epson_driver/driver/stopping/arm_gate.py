@@ -5,6 +5,8 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
+from epson_driver.driver.inhibit import Inhibit
+
 DISABLED = 'disabled on request'
 """Reason for a gate that was closed by the `disable` command."""
 
@@ -46,6 +48,8 @@ class ArmGate:
         self._reason: str | None = 'not enabled since the driver started'
         self._unexplained = False
         self._requests: list[EnableRequest] = []
+        self.refusal: Inhibit | None = None
+        """Why the controller refused the last attempt to enable the arm, or None."""
 
     @property
     def reason(self) -> str | None:
@@ -72,7 +76,7 @@ class ArmGate:
             raise GateError(request.canceled)
         if request not in self._requests:
             raise GateError('the request to enable the arm has ended')
-        self._reason = None
+        self._reason = self.refusal = None
         self._unexplained = False
 
     def close(self, reason: str, *, motors_off: bool = False, unexplained: bool = False) -> bool:
