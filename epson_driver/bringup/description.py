@@ -9,7 +9,7 @@ from epson_driver.robots.urdf import srdf, urdf
 
 
 class BringupError(RuntimeError):
-    """A launch fails because of its arguments or a missing package. The text is the reason."""
+    """A launch has invalid arguments, or a package is missing. The text is the reason."""
 
 
 def robot_description(model: str, prefix: str = '', **arguments: str) -> str:

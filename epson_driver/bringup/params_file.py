@@ -45,7 +45,7 @@ EACH = (
     'origin_xyz',
     'origin_rpy',
 )
-"""Arguments with one value for all robots, or one for each robot, separated by commas."""
+"""Arguments with one value for all robots, or a comma-separated value for each robot."""
 
 
 def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:

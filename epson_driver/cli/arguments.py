@@ -171,7 +171,7 @@ def _number(text: str) -> int | float:
 
 
 def with_start_joined(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments with `--start -1.0,0.2` joined to one, by `=`.
+    """Return the arguments with `--start -1.0,0.2` joined by `=` into one argument.
 
     argparse would read the value as an option, because it starts with a minus sign.
     """

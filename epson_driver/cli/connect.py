@@ -30,7 +30,7 @@ PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
 
 
 def main() -> int:
-    """Look at the controller and write the file. Returns 0 if it is written, else 1."""
+    """Identify the controller and write robot.yaml. Returns 0 if it is written, else 1."""
     parser = _parser()
     arguments = parsed(parser)
     if arguments.address is None:

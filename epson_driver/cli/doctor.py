@@ -107,7 +107,7 @@ async def _asked(before: Callable[[], None], sentence: str) -> str:
 
 @contextmanager
 def _graph_reader() -> Iterator[subprocess.Popen[str]]:
-    """Run a process that prints the drivers of this ROS domain, and end it after the block."""
+    """Run a process that prints the drivers of this ROS domain during the block."""
     command = module_command('epson_driver.doctor.ros_graph', f'{DISCOVERY_S:g}')
     with subprocess.Popen(  # noqa: S603 - our own
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True

@@ -117,7 +117,7 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
 
 
 def _usual(exercise: Exercise, folder: Path, console: Console) -> Observed:
-    """Run the program without a fault, again if the driver aborted a goal in it."""
+    """Run the program without a fault. Repeat it if the driver aborted a goal."""
     for attempt in range(1, USUAL_ATTEMPTS + 1):
         console.print(f'{NO_FAULT.name} …')
         name = 'no_fault' if attempt == 1 else f'no_fault_{attempt}'

@@ -161,7 +161,7 @@ async def _who(ask: Ask, address: str) -> str:
 
 
 async def _reason(ask: Ask, error: RefusedError) -> str:
-    """Return why the controller refused: its own text, or the cause that its flags show."""
+    """Return why the controller refused: its text, or the cause according to its flags."""
     text = str(error)
     with suppress(RemoteError):
         if error.number == RemoteErrorNumber.NOT_READY and not error.explained:

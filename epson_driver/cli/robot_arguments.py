@@ -30,7 +30,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
 
 
 async def look(arguments: argparse.Namespace) -> Look:
-    """Look at the controller. The profile and the model that were given replace those found."""
+    """Identify the controller. Profile and model on the command line replace the detected ones."""
     result = await look_at(
         arguments.address, arguments.password, arguments.remote_port, arguments.state_port
     )

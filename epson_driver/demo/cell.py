@@ -97,7 +97,7 @@ ENVIRONMENT = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 def panel_beside(
     folder: Path, driver: RunningDriver, console: Console, *, enabled: bool
 ) -> Iterator[str | None]:
-    """Run the panel during the block, if wanted and installed, and yield its address.
+    """Run the panel during the block, if enabled and installed, and yield its address.
 
     Raises RunError with its output if it does not start.
     """

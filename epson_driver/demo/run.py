@@ -141,7 +141,7 @@ class Run:
 
 
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
-    """Return the figures of a run with the stops of its report page if there are more on the page.
+    """Return the figures of a run, with the number of stops in its report page if that is larger.
 
     `measure` detects stops relative to the typical speed, so it may count a slow start and stops
     after it as one. The page lists each stop with its duration.

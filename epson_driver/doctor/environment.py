@@ -97,7 +97,7 @@ sys.stdout.write('\\n' + json.dumps(found))
 
 
 def check_environment(findings: Findings, environment: Mapping[str, str] = os.environ) -> bool:
-    """Check this machine. Returns whether ROS is there or expected."""
+    """Check this machine. Returns whether ROS is installed or expected."""
     version = platform.python_version()
     if sys.version_info >= MIN_PYTHON:
         findings.ok('Python', f'{version}, {sys.executable}')

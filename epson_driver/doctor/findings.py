@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Findings: the subject, its state and the remedy, a line each, and why the arm cannot move."""
+"""Findings of the doctor, one line each: the subject, its state and the remedy."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

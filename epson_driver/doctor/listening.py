@@ -154,7 +154,7 @@ class Conversation:
             self.link.post(message, lambda packet, _: self._take(packet))
 
     def restart(self) -> None:
-        """Forget the traffic of an open connection, and record it with the current recorder."""
+        """Clear the traffic of an open connection, and continue with the current recorder."""
         self._finish()
         self.traffic.packets.clear()
         if self.link.addresses is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The first look at a controller: the ports that answer, the profile that fits, the robot model.
+"""Identifies a controller: the ports that answer, the profile that fits, and the robot model.
 
 Only the remote port and the state ports are opened. A client that leaves a motion or I/O port may
 stop the arm or change outputs.
@@ -69,7 +69,7 @@ class Look:
 async def look_at(
     host: str, password: str = '', remote_port: int | None = None, state_port: int | None = None
 ) -> Look:
-    """Look at a controller. A port of None is the usual one, of 0 is not opened."""
+    """Identify a controller from its ports. None selects the default port, 0 no port."""
     look = Look(host, REMOTE_PORT if remote_port is None else remote_port)
     states = STATE_PORTS if state_port is None else {state_port: STATE_PORTS[11002]}
     listeners = asyncio.gather(*(_listen(look, port) for port in states if port))
@@ -141,7 +141,7 @@ def _nearest(traffic: ReceivedTraffic, names: tuple[str, ...]) -> str:
 
 
 def tell_look(look: Look, findings: Findings) -> bool:
-    """Report what a look found. Returns whether there is a controller to check."""
+    """Report the identified controller. Returns whether there is one to check."""
     ports = ', '.join(f'port {port}: {answer}' for port, answer in sorted(look.answers.items()))
     if not look.profile:
         if look.trouble[0]:

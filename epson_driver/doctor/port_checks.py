@@ -36,7 +36,7 @@ async def tell_of_no_state(
     motion: tuple[str, int],
     findings: Findings,
 ) -> bool:
-    """Return whether a port is not a state port, and report the service found there.
+    """Return whether a port is not a state port. If it is not, report its service.
 
     `motion`: host and port of the motion port, which is checked if this port is silent.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Facts on a controller from the messages of its state port, as keys of a controller profile."""
+"""Measures properties of a controller from its state messages, by the keys of a profile."""
 
 import itertools
 import statistics
@@ -94,7 +94,7 @@ class Measured(float):
 
 
 def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
-    """Return the period of messages that arrived at these times, s, or None for too few.
+    """Return the period of messages from their arrival times, s, or None for too few.
 
     It is the median time from message i to message i + n/2, divided by n/2. Bursts and single
     gaps do not change it, because TCP delays messages but loses none. lateness: uncertainty of

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tasks of a driver's event loop, change notifications, and waiting for a fresh state."""
+"""Task groups and change notifications of the event loop, and waiting for a fresh state."""
 
 import asyncio
 import contextlib

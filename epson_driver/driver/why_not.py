@@ -32,7 +32,7 @@ from epson_driver.link.remote_link import RemoteLink
 from epson_driver.simple_message import Status
 
 STATUS_TIMEOUT_S = 1.0
-"""Maximum age of a status, s. The controller in the thesis sends one every 55 ms."""
+"""Maximum age of a status, s. An EPSON controller sends one every 55 ms."""
 
 Check = Callable[['InhibitTable', float], Inhibit | None]
 """check(table, now) returns the inhibit that applies at `now` (event loop time, s), or None."""

@@ -32,7 +32,7 @@ Words = str
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One fault: how it is triggered, and a person's reaction a few seconds later.
+    """A fault: the actions that trigger it, and an operator's reaction a few seconds later.
 
     After the fault, the cell does not enable the arm again. stops: the fault causes an E-stop,
     after which nothing may move without a new enable. early: the fault is triggered before the
@@ -284,7 +284,7 @@ def _last_line(log: Path) -> str:
 
 
 def _aborted(log: Path) -> str:
-    """Return why the driver aborted a goal, the last one, or '' if it aborted none."""
+    """Return why the driver last aborted a goal, or '' if it aborted none."""
     lines = log.read_text(encoding='utf-8', errors='replace').splitlines()
     reasons = [line.partition(ABORTED)[2] for line in lines if ABORTED in line]
     return printable(reasons[-1]) if reasons else ''

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The file of a first run: a page to read, with the data for setting up a simulation like it.
+"""The HTML page with the results of a first run, and the data for a similar simulation.
 
 The page is HTML without scripts. The data is JSON inside it, and the wire traces are links in it.
 """
@@ -259,5 +259,5 @@ def _text(value: object) -> str:
 
 
 def packed(trace: bytes) -> str:
-    """Return a pcap file in the form stored in the book."""
+    """Return a pcap file in the form stored in the record."""
     return base64.b64encode(trace).decode('ascii')

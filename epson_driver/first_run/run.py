@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the steps: explain each one, ask for confirmation, do it, and write the book after each."""
+"""Runs the steps of a first run: explains, confirms and executes each, and saves the result."""
 
 import dataclasses
 import io

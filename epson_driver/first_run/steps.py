@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of the first run in their order, with their explanations and results.
 
-A step explains its actions before it asks for confirmation. Its result is stored in the book:
+A step explains its actions before it asks for confirmation. Its result is stored in the record:
 `facts` by the keys of a profile, `times` in s, `answers`, `habits`.
 """
 
@@ -89,7 +89,7 @@ class Connections:
         return made
 
     def restart(self) -> None:
-        """Forget the traffic of all connections, and record them with the current recorder."""
+        """Clear the traffic of all connections, and continue with the current recorder."""
         for made in self._open.values():
             made.restart()
 
@@ -128,7 +128,7 @@ class FirstRun:
         return self.question.profile.program.interface == 'statements'
 
     async def state(self) -> Conversation:
-        """Return the connection that the state comes from. Raises NoConnectionError."""
+        """Return the connection that receives the state. Raises NoConnectionError."""
         question = self.question
         if not self.remote:
             return await self.connections.to(question.host, question.state_port, sends=True)
@@ -260,7 +260,7 @@ async def _io(run: FirstRun) -> StepResult:
 
 
 async def make_ready(run: FirstRun) -> None:
-    """Ask a person to make the arm ready, if it is not. Nothing is sent."""
+    """Ask the operator to make the arm ready, if it is not. Nothing is sent."""
     state = await run.state()
     await state.wait_for_traffic(latest_status, 5.0)
     status = latest_status(state.traffic)
@@ -443,7 +443,7 @@ def _numbers(count: int) -> range:
 
 
 def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
-    """Return the facts on the controller's point buffer: its size, as a number or a time in s.
+    """Return the size of the controller's point buffer, as a number of points or a time in s.
 
     counts: the maximum number of points acknowledged ahead of the arm, for each of `periods`, s.
     """
@@ -481,7 +481,7 @@ async def _stop(run: FirstRun) -> StepResult:
 async def _interrupted(
     what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
 ) -> StepResult:
-    """Move joint 1 to and fro until a person interrupts it, and check that the arm then rests."""
+    """Move joint 1 back and forth until an operator stops it. Check that the arm stays at rest."""
     result = StepResult()
     name = what.partition(',')[0]
     state, motion = await run.links()

@@ -56,7 +56,7 @@ STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
 class NotMovedError(Exception):
-    """The arm was not moved, or its motion was given up, for the reason in the text."""
+    """The arm was not moved, or its motion was abandoned. The text is the reason."""
 
 
 @dataclass
@@ -314,7 +314,7 @@ def ahead(made: TrialMove, joint: int, delay: float) -> float:
 
 
 def rests(made: TrialMove) -> int:
-    """Return how often the arm rested during its motion."""
+    """Return the number of rests during a motion."""
     if made.start is None:
         return 0
     inside = (made.times >= made.start) & (made.times <= made.end)

@@ -59,14 +59,14 @@ class _Shortened(Repr):
         self.maxlist = self.maxtuple = self.maxdict = 8
 
     def repr_int(self, value: int, level: int) -> str:
-        """Return the digits, or their number if Python refuses to convert them."""
+        """Return the digits, or how many there are if Python refuses to convert them."""
         try:
             return super().repr_int(value, level)
         except ValueError:
             return f'a number of {math.ceil(value.bit_length() * math.log10(2.0))} digits'
 
     def repr_dict(self, value: dict[Any, Any], level: int) -> str:
-        """Return the items in the dict's order. Repr would sort them."""
+        """Return the items in the dict's order, because Repr would sort them."""
         if level <= 0 and value:
             return '{...}'
         items = list(value.items())

@@ -316,7 +316,7 @@ def thinned(
 def _segment_ends(
     motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the end times, s, of the straight parts into which a segment of a motion is divided.
+    """Yield the end times, s, of the straight pieces into which a motion segment is divided.
 
     No part deviates from the motion by more than `deviation`. `segment`: its start and end, s.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Connects rclpy's thread with the driver's event loop, and answers every ROS request.
+"""Passes ROS requests from rclpy's thread to the driver's event loop, and answers each one.
 
 rclpy's executor ends with the first exception of a callback, and asyncio only logs one. Therefore
 every request passes through here. An unexpected exception is answered with `success: false` and

@@ -96,7 +96,7 @@ DISCOVERY_S = 2.0
 """Time within which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
 
 FAST_DDS = bytes((1, 15))
-"""First bytes of Fast DDS GUIDs, followed by host and process, 16 bits each."""
+"""First bytes of a Fast DDS GUID. The next ones are host and process, 16 bits each."""
 
 
 class Namesakes:

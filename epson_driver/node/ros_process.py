@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS in a process: the executor's thread, polled subscriptions, time stamps, transport, log."""
+"""ROS utilities of a process: executor thread, polled subscriptions, stamps, transport, log."""
 
 import contextvars
 import logging

@@ -24,7 +24,8 @@ from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.trajectory_messages import duration_in_s
 
 MAX_AHEAD_S = 0.5
-"""Maximum time from now to the end of a window, s. A longer trajectory must be sent as a goal."""
+"""Maximum time from now to the end of a window (a short trajectory in a stream), s. A longer
+trajectory must be sent as a goal."""
 
 MAX_AGE_S = 0.5
 """Maximum time since the end of a window, s. An older message is late, or the clocks differ."""

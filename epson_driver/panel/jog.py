@@ -59,7 +59,7 @@ PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
 
 MAX_ITERATIONS = 20
 MAX_POSE_ERROR = 1e-7
-"""Maximum iterations and tolerance, m and rad, of the inverse kinematics along a line."""
+"""Maximum iterations and pose tolerance, m and rad, of the inverse kinematics along a line."""
 
 
 class Jog:

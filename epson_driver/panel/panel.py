@@ -30,7 +30,7 @@ SLOW_PERIOD_S = 0.5
 """Period for discovering drivers, s."""
 
 BEAT_PERIOD_S = 0.5
-"""Period of the part that changes always, from which a page sees that the panel runs, s."""
+"""Period of the heartbeat that shows a page that the panel is running, s."""
 
 IDLE_PERIOD_S = 0.1
 """Period of the loop while no browser is connected, s."""
@@ -124,7 +124,7 @@ class Panel:
                 view.control.arming.connect(window.number)
 
     def gone(self, window: Window) -> None:
-        """Remove a closed window, and end the motion that it has started."""
+        """Remove a closed window, and end the motion started from it."""
         with self._lock:
             self._windows.pop(window.number, None)
             self._new.discard(window.number)

@@ -84,7 +84,7 @@ class History:
 
 
 REFERENCE_LASTS_S = 0.5
-"""Time after the last reference in ~/controller_state (20 Hz) for which a goal is executing, s."""
+"""Maximum age of the reference in ~/controller_state (20 Hz) while a goal is executing, s."""
 
 SHOWN_UNITS = {'rad': '°', 'm': 'mm'}
 

@@ -256,7 +256,7 @@ T = TypeVar('T')
 
 
 class PreemptedError(ConnectionError):
-    """A dialogue on the remote port was cancelled or refused in favour of an urgent one."""
+    """A dialogue on the remote port was cancelled or refused because of an urgent one."""
 
     def __init__(self) -> None:
         super().__init__('the remote port was needed for the motors')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Operator actions at a controller: the command table of `pendant`, panel and Python API.
+"""Operator actions at a controller: a command table for `pendant`, panel and Python API.
 
 `$Sim,…` commands work at the simulated controller only. At a real one, an operator performs these
 actions by hand.

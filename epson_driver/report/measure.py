@@ -117,7 +117,7 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return the distance of the path from each waypoint, rad, and when it passes, s.
+    """Return the distance of the path from each waypoint, rad, and the time of passing it, s.
 
     Both have shape (n,).
     """

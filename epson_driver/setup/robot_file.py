@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The file of one robot, robot.yaml: address, profile, model, and ports other than the profile's.
+"""The file of one robot, robot.yaml: address, profile, model, and deviating ports.
 
 `epson_driver connect` writes it. It is a ROS parameter file, so `--params-file` accepts it, too.
 """
@@ -75,6 +75,6 @@ def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str
 
 
 def fits_node(pattern: str, node: str) -> bool:
-    """Return whether a pattern matches a node name. `*`: one part of it, `**`: any number."""
+    """Return whether a pattern matches a node name. `*`: one token, `**`: any number of tokens."""
     expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
     return re.fullmatch(expression, node) is not None

@@ -33,7 +33,7 @@ NOT_WIRED = [-1, -1]
 
 @dataclass(frozen=True)
 class Setup:
-    """The settings of a driver, with the objects that are made of them.
+    """The settings of a driver, and the objects created from them.
 
     values: all settings by name. Call `apply` after changing settings that may change at any time.
     model: with the requested joint names. gripper: None without one.
@@ -75,7 +75,7 @@ class Setup:
 
     @property
     def servo(self) -> ServoSettings:
-        """Settings for following streams of setpoints."""
+        """Settings for setpoint streams."""
         return ServoSettings(
             scale=self.values['servo.scale'],
             timeout=self.values['servo.timeout'],

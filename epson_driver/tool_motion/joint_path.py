@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The joint positions along a path of the tool, by inverse kinematics without a jump."""
+"""Continuous joint positions along a path of the tool, by inverse kinematics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Timing of a path whose joint positions are known, and its conversion to points.
+"""Times a path with known joint positions, and converts it to trajectory points.
 
 Each part of the path has limits, e.g. those of the tool. The joint limits are checked along the
 whole path. If a joint would exceed a limit, usually near a singularity, the motion is refused, or

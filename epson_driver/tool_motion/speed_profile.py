@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest motion from rest to rest along a path whose parts have individual limits.
+"""The fastest motion from rest to rest along a path with different limits for each part.
 
 Speed, acceleration and jerk are limited in each part. The acceleration is 0 at the seam between
 two parts. The speeds at the seams are as high as the parts before and after them allow.

@@ -43,7 +43,7 @@ class TraceError(OSError):
 
 
 def open_trace(folder: str, name: str) -> BinaryIO:
-    """Open a new trace file in a folder, which is created if missing. `~` is the home folder.
+    """Open a new trace file in a folder, which may start with `~` and is created if missing.
 
     strftime codes such as `%Y%m%d-%H%M%S` in the name are expanded. The function may block on the
     disk, so it must not be called in the event loop.

@@ -171,7 +171,7 @@ def test_other_yaml_files_are_no_robot_files(tmp_path):
     assert not is_robot_file(str(Path('no.yaml')))
 
 
-def test_ctrl_c_during_the_look_ends_without_a_traceback(tmp_path):
+def test_ctrl_c_during_identification_ends_without_a_traceback(tmp_path):
     program = (
         'import asyncio, os, signal, sys\n'
         'from epson_driver.cli import __main__ as main, connect\n'

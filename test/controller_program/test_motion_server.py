@@ -66,7 +66,7 @@ def test_target_of_go_is_the_target_of_the_point(harness: RobotHarness, client: 
     assert harness.robot.gone_to[0][0] == tuple(radian * 57.29577951308232 for radian in radians)
 
 
-def test_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -> None:
+def test_stream_becomes_successive_go_cp(harness: RobotHarness, client: Client) -> None:
     points = line(harness, 12)
     assert harness.stream(client, points) == [(n, OK) for n in range(12)]
     harness.rest()

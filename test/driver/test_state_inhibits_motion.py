@@ -161,7 +161,7 @@ async def more_statuses(harness, count):
 
 
 @pytest.mark.slow
-def test_stalled_event_loop_reads_messages_before_it_judges_their_age(tmp_path):
+def test_stalled_event_loop_reads_messages_before_it_checks_their_age(tmp_path):
     """A false alarm stops a robot in production."""
 
     async def scenario():

@@ -79,7 +79,7 @@ def test_step_point_and_start_are_single_motions(page: Page, cell: Cell) -> None
     assert 'panel disarmed' not in page.text('log')
 
 
-def test_what_the_controller_cannot_do_is_disabled_with_the_reason(page: Page) -> None:
+def test_unsupported_actions_are_disabled_with_the_reason(page: Page) -> None:
     page.armed()
     assert page.button('Execute').is_disabled()
     page.wait_for_text_of('#no-plans', 'the controller accepts no points and times')

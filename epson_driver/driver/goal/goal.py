@@ -280,7 +280,7 @@ class Arrival:
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_closer(self) -> bool:
-        """Return whether the joint with the longest distance has covered more than half of it."""
+        """Return whether the joint with the longest distance has passed half of that distance."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))

@@ -235,7 +235,7 @@ class GoalQueue:
             self.execution.stop('replaced by a new goal', _now())
 
     def _wait(self, handle: GoalHandle) -> None:
-        """Hold a goal until a pose arrives or the arm stops. End the goal that was held before."""
+        """Queue a goal until a pose arrives or the arm stops. End a previously queued goal."""
         replaced, self._waiting = self._waiting, handle
         if replaced is not None:
             self._end_unstarted(replaced, REPLACED)

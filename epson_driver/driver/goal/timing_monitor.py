@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks whether the controller can execute, and has executed, a plan at its speed.
+"""Checks whether the controller can execute a plan at its speed, and whether it has done so.
 
 Times are plan times: pauses and speed scaling do not change them.
 """

@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def _warm_up(limits: JointLimits) -> None:
-    """Compute a small plan, so that the first real plan takes no longer than the others."""
+    """Compute a small plan, so that the first real plan is not slower than later ones."""
     span = limits.position_max - limits.position_min
     smoother = Smoother(limits, limits.position_min + 0.5 * span)
     for index in range(1, 5):

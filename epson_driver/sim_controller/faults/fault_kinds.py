@@ -23,7 +23,8 @@ DATA_PORTS = ('motion', 'state', 'io')
 """The ports that carry simple messages."""
 
 REMOTE_PORT = 'remote'
-"""The port through which users clear faults. A fault affects it only if it names it and ends."""
+"""The port through which users clear faults. Only a fault that names this port and ends affects
+it."""
 
 MAX_SECONDS = 3600.0  # s
 MAX_COUNT = 1_000_000

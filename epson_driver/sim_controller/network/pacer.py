@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Advances the simulated controller in real time, because it does not read a clock itself."""
+"""Advances the simulated controller, which has no clock, in real time."""
 
 import asyncio
 import math

@@ -49,7 +49,7 @@ _SIMULATED = 'simulated'
 """The answer to a query for a serial number or a version."""
 
 _PREFERENCES = f'{1 << 14 | 1:023b}'
-"""Preferences as in EPSON's client: background tasks and advanced task commands are on."""
+"""Preferences of EPSON's client: background tasks and advanced task commands are enabled."""
 
 
 @dataclass(slots=True)
@@ -99,7 +99,7 @@ class Command:
 
 
 class _LaterError(Exception):
-    """The command takes time. Its answer is sent later."""
+    """Raised by a command that takes time. Its answer is sent later."""
 
 
 def answer(dialogue: Dialogue, line: str) -> str | None:

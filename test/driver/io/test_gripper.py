@@ -45,7 +45,7 @@ async def test_gripper_opens_and_closes_and_reports_its_state():
         assert [state.position(0.08) for state in (OPENED, CLOSED, HOLDS)] == [0.08, 0, 0.04]
 
 
-async def test_gripper_reports_a_held_part_after_its_time():
+async def test_gripper_reports_a_held_object_after_the_timeout():
     async with cell() as (gripper, jaws, _):
         await gripper.move(opened=True)
         jaws.part = True

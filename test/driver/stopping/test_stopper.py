@@ -339,7 +339,7 @@ async def test_inv9_stalled_process_does_not_report_stop_as_unanswered():
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_stalled_process_reads_the_status_before_it_judges_stop():
+async def test_inv9_stalled_process_reads_the_status_before_it_checks_stop():
     """The STATUS shows that STOP was refused because the motors are off."""
 
     def reply_and_stand_still(number):

@@ -130,7 +130,7 @@ def test_delay_is_constant_and_ends(harness):
     assert client.taken() == messages[:1]
 
 
-def test_clearing_delay_sends_the_held_messages(harness):
+def test_clearing_delay_sends_the_delayed_messages(harness):
     client = harness.client()
     harness.start('delay 5')
     messages = harness.stream(client, 10)
@@ -376,7 +376,7 @@ def test_order_is_kept_without_duplicates(harness, text):
 
 
 @pytest.mark.parametrize('text', ['delay:seconds=60', 'coalesce:seconds=10', 'late_reply 60'])
-def test_held_bytes_are_limited(harness, text):
+def test_delayed_bytes_are_limited(harness, text):
     client = harness.client('motion')
     harness.start(text)
     most = 0

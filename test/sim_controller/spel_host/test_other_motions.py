@@ -424,7 +424,7 @@ def test_find_stores_the_position_at_the_condition(caplog):
     assert harness.printed[:2] == ['-1 -1 -1', '0']
 
 
-def test_parallel_outputs_switch_at_their_share_of_the_path(caplog):
+def test_parallel_outputs_switch_at_their_fraction_of_the_path(caplog):
     """!…! (p56): the statement ends with both the motion and the parallel statements."""
     harness = run_main(
         caplog,
