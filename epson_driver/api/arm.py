@@ -180,9 +180,9 @@ class Arm(Unique):
         target = self._frames.target(field, pose, frame).in_base_link(arm.forward(near))
         result = arm.inverse(target, near)
         if not len(result):
-            place = ', '.join(f'{1e3 * value:.1f}' for value in target[:3, 3])
+            place = self._frames.shown(frame, pose).text(target[:3, 3])
             reason = arm.why_unreachable(target) or 'out of reach'
-            raise PathError(f'{field}: no joint positions for ({place}) mm: {reason}')
+            raise PathError(f'{field}: no joint positions for {place}: {reason}')
         return np.asarray(result[0])
 
     @property

@@ -27,7 +27,7 @@ WORDS = {
     Remedy.START_MAIN: 'start main, or call enable()',
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call enable()',
     Remedy.ENABLE: 'call enable()',
-    Remedy.END_STREAM: 'end it, or call stop()',
+    Remedy.END_STREAM: 'end it, let it hold still for a second, or call stop()',
     Remedy.ALLOW_END_VELOCITY: '',
     Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed=False in Settings',
 }

@@ -17,6 +17,7 @@ from epson_driver.api.recording import RATE, SPEED, Recording
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.motion import Array
 from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
+from epson_driver.tool_motion.joint_path import ShownFrame
 from epson_driver.tool_motion.pose_path import Run
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_along_runs
 
@@ -188,7 +189,8 @@ class Motions(Arm):
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
         point = moves.PathPoint(self._frames.target('pose', pose, frame))
-        return await self._move_tool(point.run, tool, wait, point)
+        shown = self._frames.shown(frame, pose)
+        return await self._move_tool(point.run, tool, wait, shown, point)
 
     @checked_arguments
     async def move_arc(
@@ -216,7 +218,8 @@ class Motions(Arm):
         )
         middle = self._frames.point('via', via, frame, pose)
         point = moves.PathPoint(self._frames.target('pose', pose, frame), middle)
-        return await self._move_tool(point.run, tool, wait, point)
+        shown = self._frames.shown(frame, pose)
+        return await self._move_tool(point.run, tool, wait, shown, point)
 
     @checked_arguments
     async def move_path(
@@ -248,13 +251,17 @@ class Motions(Arm):
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
         path_points = moves.path_points(points, blend, frame, self._frames)
-        return await self._move_tool(partial(moves.path_runs, path_points), tool, wait)
+        path, last = partial(moves.path_runs, path_points), points[-1]
+        if isinstance(last, Waypoint):
+            frame, last = last.frame or frame, last.pose
+        return await self._move_tool(path, tool, wait, self._frames.shown(frame, last))
 
     async def _move_tool(
         self,
         path: Callable[[Array], list[Run]],
         limits: ToolLimits,
         wait: bool,
+        shown: ShownFrame,
         point: moves.PathPoint | None = None,
     ) -> Motion:
         tool, arm = self._hand
@@ -268,7 +275,7 @@ class Motions(Arm):
             )
         with refusals():
             trajectory = await plan.in_thread(
-                partial(trajectory_along_runs, arm, start, tool_path, limits)
+                partial(trajectory_along_runs, arm, start, tool_path, limits, frame=shown)
             )
         checked_path = (moves.deviation(arm, tool_path), limits.accuracy)
         via = None

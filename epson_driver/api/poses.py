@@ -13,6 +13,7 @@ import numpy.typing as npt
 from epson_driver.inputs import number
 from epson_driver.motion import Array
 from epson_driver.taught_points import EpsonPoint, plain
+from epson_driver.tool_motion.joint_path import ShownFrame
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
     finite_numbers,
@@ -104,6 +105,14 @@ class Frames:
     def poses(self) -> dict[str, Array]:
         """All frames except the tool, as copies."""
         return {name: pose.copy() for name, pose in self._poses.items()}
+
+    def shown(self, frame: str | None, pose: Pose) -> ShownFrame:
+        """Return the frame in which errors show positions: that of a checked pose.
+
+        It is base_link for a pose in the tool frame.
+        """
+        name = _frame_of(frame, pose)
+        return ShownFrame() if name == TOOL else ShownFrame(name, np.linalg.inv(self._poses[name]))
 
     def set(self, name: str, pose: Pose, parent: str | None) -> None:
         """Set a frame by its pose in a parent frame. Raises ValueError for invalid arguments."""

@@ -24,7 +24,7 @@ class Remedy(Enum):
     TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
     ENABLE = 'enable the arm'
     CONTINUE = 'continue at the controller, or start main'
-    END_STREAM = 'end it, or stop the arm'
+    END_STREAM = 'end it, let it hold still for a second, or stop the arm'
     ALLOW_END_VELOCITY = 'end the trajectory with velocity 0'
     ALLOW_OTHER_SPEED = 'or allow another speed than planned'
 

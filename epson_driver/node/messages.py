@@ -26,7 +26,7 @@ WORDS = {
     Remedy.RESET: 'call ~/reset_error, then ~/enable',
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call ~/enable',
     Remedy.ENABLE: 'call ~/enable',
-    Remedy.END_STREAM: 'end it, or call ~/stop',
+    Remedy.END_STREAM: 'end it, let it hold still for a second, or call ~/stop',
     Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed to false',
     Remedy.ALLOW_END_VELOCITY: 'or set allow_nonzero_velocity_at_trajectory_end',
 }

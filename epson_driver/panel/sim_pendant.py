@@ -10,6 +10,7 @@ simulated controller can be the only client that is logged in.
 """
 
 import asyncio
+import socket
 import threading
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -94,17 +95,22 @@ class SimPendant:
     async def _run(self) -> None:
         while not self.real:
             try:
-                if is_announced(self.port):
+                if await self._is_announced():
                     async with connected(self.host, self.port, SESSION_S, tries=1) as ask:
                         await self._serve(ask)
             except RemoteError as error:
                 self.real = error.number == RemoteErrorNumber.BAD_COMMAND
-            except (ConnectionError, TimeoutError, ValueError):
+            except (OSError, ValueError):
                 pass  # it is gone or too slow: `latest` is None, which the panel shows
             self.latest = None
             self._refuse_waiting()
             await asyncio.sleep(RETRY_PERIOD_S)
             self._refuse_waiting()  # commands queued just before `latest` was cleared
+
+    async def _is_announced(self) -> bool:
+        family = socket.AF_INET6 if ':' in self.host else socket.AF_INET
+        found = await self._loop.getaddrinfo(self.host, self.port, family=family)
+        return is_announced(str(found[0][4][0]), self.port)
 
     async def _serve(self, ask: Ask) -> None:
         """Poll the condition periodically and send queued commands in between."""

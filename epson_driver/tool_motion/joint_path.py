@@ -3,7 +3,7 @@
 """Continuous joint positions along a path of the tool, by inverse kinematics."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from math import ceil
 
@@ -35,6 +35,22 @@ class PathError(ValueError):
     """A path that the tool cannot follow. The text names the position and the reason."""
 
 
+@dataclass(frozen=True, eq=False)
+class ShownFrame:
+    """The frame of positions in error texts: its name, and base_link in it, shape (4, 4), m."""
+
+    name: str = 'base_link'
+    base_link: Array = field(default_factory=lambda: np.eye(4))
+
+    def text(self, position: Array) -> str:
+        """Return a position in base_link, shape (3,), m, as text in this frame, in mm."""
+        seen = self.base_link[:3, :3] @ position + self.base_link[:3, 3]
+        numbers = ', '.join(f'{value * 1e3:.1f}' for value in seen)
+        return f'({numbers}) mm in {self.name}'
+
+
+BASE_LINK = ShownFrame()
+
 Checkpoint = Callable[[], None]
 """Called at every step of planning, in any thread. It may raise to cancel."""
 
@@ -46,7 +62,8 @@ class JointPath:
     distances: of k samples from the start, shape (k,), m, or another unit of the path's length.
     joints: joint positions there, shape (k, n). positions: tool positions there, shape (k, 3), m.
     joints_at: function from other distances, shape (m,), to joint positions, shape (m, n). name:
-    name of the run in error texts. checkpoint: called at each sample.
+    name of the run in error texts, frame: the one of positions in them. checkpoint: called at
+    each sample.
     """
 
     name: str
@@ -56,11 +73,12 @@ class JointPath:
     positions: Array
     joints_at: Callable[[Array], Array]
     checkpoint: Checkpoint = lambda: None
+    frame: ShownFrame = BASE_LINK
 
     def where(self, index: int) -> str:
         """Return text that describes the position of a sample on the path."""
         fraction = float(self.distances[index] / self.distances[-1])
-        return _where(fraction, self.name, self.positions[index])
+        return _where(fraction, self.name, self.frame.text(self.positions[index]))
 
 
 def joint_path(
@@ -69,6 +87,7 @@ def joint_path(
     run: Run,
     name: str = 'the way',
     checkpoint: Checkpoint = lambda: None,
+    frame: ShownFrame = BASE_LINK,
 ) -> JointPath:
     """Return the joint positions along a run from the joint positions `start`, shape (n,).
 
@@ -97,7 +116,7 @@ def joint_path(
         checkpoint()
         distance = pending[-1]
         pose = run.pose(distance)
-        where = _where(distance / total, name, pose[:3, 3])
+        where = _where(distance / total, name, frame.text(pose[:3, 3]))
         solutions = kinematics.inverse(pose, previous)
         if not len(solutions):
             if why := kinematics.why_unreachable(pose):
@@ -135,13 +154,12 @@ def joint_path(
         return exact
 
     return JointPath(
-        name, kinematics, distances, joints, np.array(positions), joints_at, checkpoint
+        name, kinematics, distances, joints, np.array(positions), joints_at, checkpoint, frame
     )
 
 
-def _where(fraction: float, name: str, position: Array) -> str:
-    coordinates = ', '.join(f'{value * 1e3:.1f}' for value in position)
-    return f'{fraction * 100.0:.0f} % of {name}, at ({coordinates}) mm'
+def _where(fraction: float, name: str, position: str) -> str:
+    return f'{fraction * 100.0:.0f} % of {name}, at {position}'
 
 
 def _unreachable_reason(kinematics: Kinematics, previous: Array, where: str) -> str:

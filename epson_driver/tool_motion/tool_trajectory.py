@@ -14,7 +14,7 @@ import numpy as np
 
 from epson_driver.motion import Array, Trajectory
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.tool_motion.joint_path import Checkpoint, joint_path
+from epson_driver.tool_motion.joint_path import BASE_LINK, Checkpoint, ShownFrame, joint_path
 from epson_driver.tool_motion.path_timing import TimedRun, joined, timed
 from epson_driver.tool_motion.pose_path import PosePath, Run, size_of
 from epson_driver.tool_motion.speed_profile import PartLimits
@@ -62,6 +62,7 @@ def trajectory_along_runs(
     path: Sequence[Run],
     tool: ToolLimits,
     checkpoint: Checkpoint = lambda: None,
+    frame: ShownFrame = BASE_LINK,
 ) -> Trajectory:
     """Return a trajectory with velocities along the runs of a path, with a rest after each.
 
@@ -73,7 +74,7 @@ def trajectory_along_runs(
     for run in path:
         name = 'the way' if len(path) == 1 else f'the path to points[{run.last}]'
         first = result[-1].positions[-1] if result else start
-        result.append(timed_run(kinematics, first, run, tools, name, checkpoint))
+        result.append(timed_run(kinematics, first, run, tools, name, checkpoint, frame))
     return joined(kinematics.model.limits.names, result)[0]
 
 
@@ -84,6 +85,7 @@ def timed_run(
     tools: Sequence[ToolLimits],
     name: str = 'the way',
     checkpoint: Checkpoint = lambda: None,
+    frame: ShownFrame = BASE_LINK,
 ) -> TimedRun:
     """Return the points along a run.
 
@@ -95,7 +97,7 @@ def timed_run(
         limits.append(_part_limits(part, tools[owners[0]].tightened_with(tools[owners[-1]])))
     used = tools[run.segments[0][0] : run.last + 1]
     return timed(
-        joint_path(kinematics, start, run, name, checkpoint),
+        joint_path(kinematics, start, run, name, checkpoint, frame),
         limits,
         run.ends,
         accuracy=min(tool.accuracy for tool in used),

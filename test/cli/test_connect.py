@@ -175,6 +175,7 @@ def test_ctrl_c_during_identification_ends_without_a_traceback(tmp_path):
     program = (
         'import asyncio, os, signal, sys\n'
         'from epson_driver.cli import __main__ as main, connect\n'
+        'signal.signal(signal.SIGINT, signal.default_int_handler)\n'  # a shell may ignore it
         'async def look(arguments):\n'
         '    os.kill(os.getpid(), signal.SIGINT)\n'
         '    await asyncio.sleep(60)\n'

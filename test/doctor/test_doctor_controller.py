@@ -17,7 +17,6 @@ from epson_driver.doctor.asking import IO_KEYS
 from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import ARM, Findings, Level
 from epson_driver.doctor.learning import profile_text, unknown, value_of, why_not
-from epson_driver.link import Link
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
 from epson_driver.remote_ethernet.client import logged_in
@@ -213,15 +212,7 @@ def test_wrong_profile_is_reported_by_key():
 
 
 @pytest.mark.invariant(1)
-def test_only_the_state_port_is_opened_by_default(monkeypatch):
-    opened = []
-    connect = Link.run
-
-    async def seen(link):
-        opened.append(link.port)
-        await connect(link)
-
-    monkeypatch.setattr(Link, 'run', seen)
+def test_only_the_state_port_is_opened_by_default(opened):
     all_ports = []
 
     @contextlib.asynccontextmanager

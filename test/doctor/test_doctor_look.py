@@ -13,7 +13,6 @@ from support.sim_process import vacant_port
 from epson_driver.doctor.findings import Findings, Level
 from epson_driver.doctor.look import look_at, tell_look
 from epson_driver.inputs import InputError
-from epson_driver.link import Link
 from epson_driver.remote_ethernet import answers
 from epson_driver.remote_ethernet.client import logged_in
 
@@ -71,15 +70,7 @@ def _unknown(name):
 
 
 @pytest.mark.invariant(1)
-def test_inv1_only_remote_and_state_ports_are_opened(monkeypatch):
-    opened = []
-    connect = Link.run
-
-    async def seen(link):
-        opened.append(link.port)
-        await connect(link)
-
-    monkeypatch.setattr(Link, 'run', seen)
+def test_inv1_only_remote_and_state_ports_are_opened(opened):
     look = looked('spel')
     assert set(opened) == {look.state_port}
 

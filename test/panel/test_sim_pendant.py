@@ -46,7 +46,7 @@ class Controller:
     async def __aenter__(self) -> 'Controller':
         self._server = await asyncio.start_server(self._accept, '127.0.0.1', 0)
         self.port = self._server.sockets[0].getsockname()[1]
-        self._announcement = announce(self.port)
+        self._announcement = announce('127.0.0.1', self.port)
         return self
 
     async def __aexit__(self, *_: object) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Announces a simulated controller to the other processes of this machine, by its remote port.
 
-The panel connects only to announced ports. A real controller may be reachable at an address of
-this machine, through a tunnel, and a second client could take the place of its driver.
+The panel connects only to announced addresses and ports. A real controller may be reachable at an
+address of this machine, through a tunnel, and a second client could take the place of its driver.
 
 The announcement is an abstract Unix socket. It exists as long as the process that created it, and
 is visible in the same network namespace only.
@@ -11,26 +11,43 @@ is visible in the same network namespace only.
 
 import socket
 
+ANY = ('0.0.0.0', '::')  # noqa: S104 - compared only
+"""Addresses for listening at all addresses of this machine."""
 
-def _name(port: int) -> str:
-    return f'\0epson_driver sim_controller, remote port {port}'
+
+def _name(address: str, port: int) -> str:
+    return f'\0epson_driver sim_controller, remote port {port} of {address}'
 
 
-def announce(port: int) -> socket.socket:
+def announce(address: str, port: int) -> socket.socket:
     """Announce a simulated controller until the returned socket is closed.
 
-    Raises OSError if another process has announced one with this remote port.
+    address: the IP address at which it listens. Raises OSError if another process has announced
+    one there.
     """
     result = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        result.bind(_name(port))
+        result.bind(_name(address, port))
     except OSError:
         result.close()
         raise
     return result
 
 
-def is_announced(port: int) -> bool:
-    """Return whether a simulated controller with this remote port runs on this machine."""
+def is_announced(address: str, port: int) -> bool:
+    """Return whether a simulated controller on this machine serves an IP address and port."""
+    names = [_name(address, port)]
+    if _is_local(address):
+        names += [_name(wildcard, port) for wildcard in ANY]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as probe:
-        return probe.connect_ex(_name(port)) == 0
+        return any(probe.connect_ex(name) == 0 for name in names)
+
+
+def _is_local(address: str) -> bool:
+    family = socket.AF_INET6 if ':' in address else socket.AF_INET
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address, 0))
+        except OSError:
+            return False
+    return True

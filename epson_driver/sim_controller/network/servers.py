@@ -113,7 +113,8 @@ class ControllerServers:
             await self.close()
             raise
         try:
-            self._announcement = announce(opened.remote)
+            address = host if ':' in host else socket.gethostbyname(host)
+            self._announcement = announce(address, opened.remote)
         except OSError as error:
             text = 'not announced as simulated (%s): the panel treats this controller as real'
             _log.warning(text, error.strerror)

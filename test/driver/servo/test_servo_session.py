@@ -314,6 +314,7 @@ async def test_goal_and_stream_exclude_each_other(logged):
             refused = harness.submit(pose(0.5))
             assert refused.outcome.end is End.ABORTED
             assert 'follows a stream of setpoints on ~/servo' in refused.outcome.text
+            assert 'hold still for a second' in refused.outcome.remedy.value
             assert harness.driver.servo.active
         await asyncio.sleep(0.15)
         await until(lambda: not harness.driver.robot.sample.velocities.any())
@@ -415,7 +416,7 @@ async def test_inv9_refused_setpoint_stops_and_disables_and_the_log_has_the_caus
             await until(lambda: 'arm disabled' in caplog.text)
         (line,) = [message for message in caplog.messages if 'arm disabled' in message]
         assert 'the controller refused setpoint 2' in line
-        assert ('the E-stop is pressed' in line) == pressed
+        assert ('the E-stop was pressed' in line) == pressed
         assert scripted.received[:3] == [0, 1, 2]
         assert set(scripted.received[3:]) == {-4}
 

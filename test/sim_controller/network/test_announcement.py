@@ -20,15 +20,15 @@ def test_port_is_announced_while_the_controller_is_open() -> None:
     async def scenario() -> None:
         servers = ControllerServers(new_controller(MODEL, PROFILE))
         ports = await servers.open(HOST, Ports(0, 0, 0, 0))
-        assert is_announced(ports.remote)
-        assert not is_announced(ports.motion)
+        assert is_announced(HOST, ports.remote)
+        assert not is_announced(HOST, ports.motion)
         await servers.close()
-        assert not is_announced(ports.remote)
+        assert not is_announced(HOST, ports.remote)
 
     run(scenario())
 
 
-def test_second_controller_with_the_same_remote_port_works_unannounced(
+def test_controllers_at_two_addresses_are_announced_apart(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def scenario() -> None:
@@ -37,17 +37,26 @@ def test_second_controller_with_the_same_remote_port_works_unannounced(
         second = ControllerServers(new_controller(MODEL, PROFILE))
         with caplog.at_level(logging.WARNING):
             await second.open('127.0.0.2', Ports(0, 0, 0, ports.remote))
-        assert 'the panel treats this controller as real' in caplog.text
+        assert 'as real' not in caplog.text
+        assert is_announced('127.0.0.2', ports.remote)
         await second.close()
-        assert is_announced(ports.remote)
+        assert not is_announced('127.0.0.2', ports.remote)
+        assert is_announced(HOST, ports.remote)
         await first.close()
 
     run(scenario())
 
 
 def test_port_can_be_announced_once() -> None:
-    with announce(1):
+    with announce(HOST, 1):
         with pytest.raises(OSError, match='in use'):
-            announce(1)
-        assert is_announced(1)
-    assert not is_announced(1)
+            announce(HOST, 1)
+        assert is_announced(HOST, 1)
+    assert not is_announced(HOST, 1)
+
+
+@pytest.mark.invariant(1)
+def test_controller_at_all_addresses_is_announced_at_local_ones_only() -> None:
+    with announce('0.0.0.0', 1):
+        assert is_announced('127.0.0.3', 1)
+        assert not is_announced('192.0.2.1', 1)  # TEST-NET-1: a real controller elsewhere
