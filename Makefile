@@ -189,7 +189,7 @@ $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(PIP) install --no-compile --no-build-isolation --no-deps . || $(FAILED)
 	@touch $@
 
-$(VENV)/.dev: requirements/panel.txt requirements/report.txt
+$(VENV)/.dev: requirements/editor.txt requirements/panel.txt requirements/report.txt
 $(VENV)/.browser: $(VENV)/.dev
 $(VENV)/.dev $(VENV)/.docs $(VENV)/.panel $(VENV)/.browser $(VENV)/.optimum: \
 $(VENV)/.%: $(VENV)/.interfaces requirements/%.txt

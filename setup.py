@@ -121,6 +121,7 @@ setup(
         ],
         'report': ['matplotlib', 'rosbags'],
         'panel': ['websockets>=14'],
+        'editor': ['pygls>=2'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
         'dev': [

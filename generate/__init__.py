@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Screenshots for the documentation, and the page's bundle of scripts (page_bundle/)."""
+"""Screenshots for the documentation, the page's bundle of scripts, and the editors' grammar."""

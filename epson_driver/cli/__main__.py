@@ -23,7 +23,7 @@ INTERFACES = ('epson_msgs', 'industrial_msgs')
 NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
 """Message packages without wheels on PyPI."""
 
-NOT_OF_ROS = {'matplotlib': 'report'}
+NOT_OF_ROS = {'matplotlib': 'report', 'lsprotocol': 'editor', 'pygls': 'editor'}
 """Optional modules that ROS does not contain, and the extra that installs each."""
 
 BROKEN_PIPE = 141

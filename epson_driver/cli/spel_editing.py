@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel fmt|points`: SPEL+ sources and points in an editor and in git."""
+"""`epson_driver spel fmt|points|server`: SPEL+ sources and points in an editor and in git."""
 
 import argparse
 from codecs import BOM_UTF8
@@ -32,6 +32,10 @@ def add_editing(commands: Any, codes: str) -> None:
     points.add_argument('file', type=Path, metavar='FILE', help='.pts, .csv or .yaml file')
     points.add_argument('--to', type=Path, metavar='FILE', help='.pts, .csv or .yaml file')
     points.set_defaults(run=_points)
+    text = 'Serve an editor by the Language Server Protocol, on stdin and stdout.'
+    more = 'docs/spel_editor.md has the settings of editors.'
+    texts = help_texts(text, ('spel server',), '0 ended by the editor, 1 cannot start', more)
+    commands.add_parser('server', help=text, **texts).set_defaults(run=_serve)
 
 
 def _sources(paths: list[Path]) -> Iterator[Path]:
@@ -82,4 +86,12 @@ def _points(arguments: argparse.Namespace) -> int:
             for place, (text, width) in enumerate(zip(row, widths, strict=True))
         )
         print('  '.join(map(printable, cells)).rstrip())
+    return 0
+
+
+def _serve(_arguments: argparse.Namespace) -> int:
+    """Serve an editor until it ends the server. Raises ModuleNotFoundError without [editor]."""
+    from epson_driver.editor.server import server  # here, because it needs the extra
+
+    server.start_io()
     return 0

@@ -140,6 +140,14 @@ def header_fault(content: bytes) -> str:
     return '' if int(result[2]) == checksum(body) else 'its header has another checksum'
 
 
+def resealed(content: bytes) -> bytes:
+    """Return a file with LF line ends, with the size and checksum of its header corrected."""
+    first, _, rest = content.partition(b'\n')
+    body = rest.replace(b'\n', b'\r\n')
+    numbers = b'DS:%010d,CS:%05d' % (len(first) + 2 + len(body), checksum(body))
+    return re.sub(rb'DS:[0-9]{10},CS:[0-9]{5}', numbers, first, count=1) + b'\n' + rest
+
+
 def checksum(content: bytes) -> int:
     """Return the XOR of the little-endian words after the header's line."""
     words = struct.iter_unpack('<H', content + b'\0' * (len(content) % 2))

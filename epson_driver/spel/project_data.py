@@ -11,8 +11,15 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from epson_driver.inputs import InputError, printable, read_file
-from epson_driver.inputs.rc_files import Block, RcFileError, parsed, quoted, sealed
+from epson_driver.inputs import InputError, printable, rc_files, read_file
+from epson_driver.inputs.rc_files import (
+    Block,
+    RcFileError,
+    header_fault,
+    parsed,
+    quoted,
+    sealed,
+)
 from epson_driver.spel.errors import Position, Problem, bad
 from epson_driver.spel.values import Point
 
@@ -149,6 +156,18 @@ def encoded(text: str) -> Iterator[bytes]:
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):
             yield text.encode(name)
+
+
+def resealed(old: str, new: str) -> str:
+    """Return the new text of a file of RC+ with a header that fits, in the old one's encoding.
+
+    A header that did not fit before the change stays as it is.
+    """
+    for name in ('utf-8', *_LEADS, 'latin-1'):
+        with suppress(UnicodeEncodeError):
+            if not header_fault(old.encode(name)):
+                return rc_files.resealed(new.encode(name)).decode(name)
+    return new
 
 
 _LEADS = {
@@ -288,7 +307,7 @@ def _flags(block: Block) -> Iterator[str]:
         yield str(local)
 
 
-_IO = {
+IO_BLOCKS = {
     f'{kind}{unit}Labels': (number, width, f'n{unit}')
     for number, kind in enumerate(('Input', 'Output', 'Memory'))
     for unit, width in (('Bit', 1), ('Byte', 8), ('Word', 16))
@@ -300,8 +319,8 @@ def _io_labels(block: Block) -> dict[tuple[int, int, int], str]:
     """Return the labels of bits, bytes and words by kind, width and number."""
     result = {}
     for part in block.items:
-        if isinstance(part, Block) and part.name in _IO:
-            kind, width, key = _IO[part.name]
+        if isinstance(part, Block) and part.name in IO_BLOCKS:
+            kind, width, key = IO_BLOCKS[part.name]
             for item in part.blocks('Label'):
                 at = item.number(key, item.number('nBit'))  # RC+ writes nBit for some bytes
                 if item.text('sLabel'):

@@ -1,0 +1,126 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""editor/projects.py: new names, and which files belong to a project."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from epson_driver.editor.projects import Project, Projects, RenameError
+from epson_driver.inputs.rc_files import Block, header_fault, sealed
+from epson_driver.spel.project_data import points_of
+from epson_driver.spel.values import Point
+
+WHEN = datetime(2026, 1, 2, tzinfo=UTC)
+MAIN = """\
+Function main
+  String text$
+  Go pick
+  On Gripper
+  Help text$
+Fend
+Function Help(text$ As String)
+  Print text$
+Fend
+"""
+
+
+def written(folder: Path) -> Path:
+    """Write a project with a point and an I/O label, the latter's text in Shift-JIS."""
+    (folder / 'main.prg').write_text(MAIN)
+    point = Point('xy', (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), ('r',))
+    text = points_of({3: point}, {3: 'pick'}, WHEN)
+    (folder / 'robot1.pts').write_bytes(text.encode())
+    about = 'グリッパー'.encode('shift_jis').decode('latin-1')
+    label = Block(
+        'Label1', [('nBit', '9'), ('sLabel', '"Gripper"'), ('sDescription', f'"{about}"')]
+    )
+    text = sealed(Block('', [Block('OutputBitLabels', [label])]), WHEN)
+    (folder / 'IOLabels.dat').write_bytes(text.encode('latin-1'))
+    return folder
+
+
+def test_a_point_and_an_io_label_change_in_all_files_with_their_headers(tmp_path: Path) -> None:
+    project = Project(written(tmp_path))
+    for old, new in (('pick', 'grasp'), ('Gripper', 'Vacuum')):
+        (symbol,) = project.symbols.names[old.lower()]
+        for name, edits in project.renamed(symbol, new).items():
+            path = tmp_path / name
+            encoding = 'shift_jis' if name == 'IOLabels.dat' else 'ascii'
+            lines = path.read_bytes().decode(encoding).split('\n')
+            for place, text in reversed(edits):
+                line = lines[place.line]
+                lines[place.line] = line[: place.start] + text + line[place.end :]
+            path.write_bytes('\n'.join(lines).encode(encoding))
+    assert 'Go grasp\n  On Vacuum' in (tmp_path / 'main.prg').read_text()
+    for name in ('robot1.pts', 'IOLabels.dat'):
+        assert header_fault((tmp_path / name).read_bytes()) == ''
+    _, problems = Project(tmp_path).problems(8)
+    assert not any(problems.values())
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'text'),
+    [
+        ('pick', 'Go', 'Go is a word of SPEL'),
+        ('pick', 'P7', 'starts with a letter'),
+        ('pick', 'a b', 'starts with a letter'),
+        ('pick', 'help', 'help is another function already: main.prg:7'),
+        ('pick', 'a23456789012345678', 'a point has at most 16 characters'),
+        ('Help', 'help2$', 'only names of strings end in'),
+        ('Help', 'text', ''),
+        ('P3', 'pick2', 'is the number of a point'),
+    ],
+)
+def test_a_name_that_is_not_possible_is_refused(tmp_path: Path, old, new, text) -> None:
+    project = Project(written(tmp_path))
+    symbol = project.symbols.names[old.lower()][0]
+    if text:
+        with pytest.raises(RenameError, match=text):
+            project.renamed(symbol, new)
+    else:
+        assert [len(edits) for edits in project.renamed(symbol, new).values()] == [2]
+
+
+def test_files_outside_of_the_workspace_belong_to_no_project(tmp_path: Path) -> None:
+    inside, outside = tmp_path / 'a', tmp_path / 'ab'
+    inside.mkdir()
+    outside.mkdir()
+    (inside / 'link').symlink_to(written(outside))
+    projects = Projects([inside])
+    assert projects.of(outside / 'main.prg') is None
+    assert projects.of(inside / 'link' / 'main.prg') is None
+    assert projects.of(inside / '..' / 'ab' / 'main.prg') is None
+    (inside / 'main.prg').symlink_to(outside / 'main.prg')
+    (inside / 'own.prg').write_text('Function own\nFend\n')
+    project = projects.of(inside / 'own.prg')
+    assert project is not None
+    assert list(project.texts) == ['own.prg']
+
+
+def test_a_program_that_the_project_does_not_list_is_its_own(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text('Function main\nFend\n')
+    (tmp_path / 'old.prg').write_text('Function main\nFend\n')
+    program = Block('ProgramFile1', [('sName', '"main.prg"')])
+    text = sealed(Block('', [('nProgramFileCount', '1'), program]), WHEN)
+    (tmp_path / 'a.sprj').write_bytes(text.encode())
+    projects = Projects([tmp_path])
+    main, old = (projects.of(tmp_path / name) for name in ('main.prg', 'old.prg'))
+    assert main is not None
+    assert old is not None
+    assert 'old.prg' not in main.texts
+    assert 'main.prg' not in old.texts
+
+
+def test_open_text_counts_until_it_is_closed(tmp_path: Path) -> None:
+    project = Project(written(tmp_path))
+    project.set('main.prg', 'Function other\nFend\n')
+    assert [item.name for item in project.symbols.files['main.prg'].symbols] == ['other']
+    project.read()
+    assert project.texts['main.prg'] == 'Function other\nFend\n'
+    project.close('main.prg')
+    assert project.texts['main.prg'] == MAIN
+    (tmp_path / 'main.prg').unlink()
+    project.read()
+    assert project.texts == {}
