@@ -61,10 +61,9 @@ class ArmCommands:
     async def stop(self) -> str:
         """Stop the arm, abort the running goal, and return when the arm is at rest.
 
-        Goals that arrive during the call are also aborted, because they may have been sent before.
-
-        Raises CommandError unless the controller acknowledges STOP and the robot state shows that
-        the arm is at rest. The arm is then disabled.
+        Goals that arrive during the call are also aborted, because they may have been sent before
+        it. Raises CommandError and disables the arm if the controller does not acknowledge STOP,
+        or if the robot state does not show that the arm is at rest.
         """
         with self._driver.goal_queue.stopping(f'{STOPPED} before it could start'):
             try:
@@ -97,9 +96,8 @@ class ArmCommands:
     async def enable(self) -> str:
         """Enable the arm, after switching the motors on if the driver can do that.
 
-        The motors are checked in the next STATUS, because the last one may be outdated. Any reason
-        to disable the arm during the call cancels it. Raises CommandError if the arm cannot be
-        enabled.
+        The motors are checked in the next STATUS, because the last one may be outdated. Raises
+        CommandError if the arm cannot be enabled, or if it must be disabled during the call.
         """
         self._check(Purpose.COMMAND)
         if self._disabling:
@@ -179,7 +177,7 @@ class ArmCommands:
             return 'the arm is enabled' + ('' if inhibit is None else f', but {inhibit.text}')
 
     async def _wait_for_first_stop(self) -> None:
-        """Wait until STOP is sent, if it is due on a new motion connection."""
+        """Wait until STOP has been sent on a new motion connection, if it is required first."""
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
@@ -187,7 +185,7 @@ class ArmCommands:
             )
 
     async def _clear_motion(self) -> None:
-        """Send STOP if the controller may have old points, and wait until the arm is at rest."""
+        """Send STOP if points of an earlier motion may remain. Wait until the arm is at rest."""
         driver = self._driver
         stopper = driver.stopper
         may_have_points = stopper.ours or stopper.may_have_old_points
@@ -201,9 +199,8 @@ class ArmCommands:
     async def disable(self) -> str:
         """Disable and stop the arm, and switch the motors off if the driver can do that.
 
-        Raises CommandError unless the robot state shows that the arm is at rest and, if the driver
-        can switch the motors and STATUS reports them, that they are off. The arm is disabled in
-        any case.
+        Raises CommandError if the robot state does not show that the arm is at rest, or if the
+        motors cannot be switched off by a driver that supports it. The arm is disabled anyway.
         """
         driver = self._driver
         driver.disable(DISABLED)
@@ -225,7 +222,7 @@ class ArmCommands:
         return text
 
     async def _bring_to_rest(self) -> str:
-        """Stop the arm, and return a text if the stop is not confirmed, else ''."""
+        """Stop the arm. Return why the stop is not confirmed, as text, or '' if it is."""
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
             await goals.stop(DISABLED, ANSWER_TIMEOUT_S)
@@ -313,7 +310,7 @@ class ArmCommands:
         return await self.enable()
 
     def _check(self, purpose: Purpose, now: float | None = None) -> None:
-        """Raise CommandError if `purpose` is inhibited. `now`: loop time, s; None: now."""
+        """Raise CommandError if `why_not` returns a reason. `now`: loop time, s; None: now."""
         inhibit = self._driver.why_not(purpose, _now() if now is None else now)
         if inhibit is not None:
             raise _inhibited(inhibit)
@@ -338,10 +335,7 @@ class ArmCommands:
         self._driver.gate.refusal = None
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
-        """Return a failed action as CommandError, with the reason from the controller's status.
-
-        If the status does not show the reason, the text of `error` is used.
-        """
+        """Return the CommandError for a failed action, with the reason from status or `error`."""
         robot, inhibit = self._driver.robot, None
         if error.status is not None:
             inhibit = refusal_inhibit(*error.status, robot.errors)
@@ -354,7 +348,7 @@ class ArmCommands:
     async def _wait_for_status(self, condition: Callable[[Status], bool], failure: str) -> Status:
         """Return the first status for which `condition` is true.
 
-        Raises CommandError with the text `failure` after a timeout.
+        Raises CommandError with the text `failure` if there is none within ANSWER_TIMEOUT_S.
         """
         robot = self._driver.robot
         try:

@@ -50,7 +50,7 @@ class Channel:
 
 OnPacket = Callable[[Packet], None]
 OnLink = Callable[[str, LinkState, str], None]
-"""on_link(name, state, why) is called when the state of the link `name` changes."""
+"""on_link(name, state, why) is called when a link changes its state. `why`: the reason."""
 
 
 def make_channel(
@@ -60,10 +60,11 @@ def make_channel(
     on_link: OnLink,
     before_motion_link: Callable[[], Awaitable[object]],
 ) -> Channel:
-    """Return the links and objects for a configuration.
+    """Return the links to the configured controller, and the objects that use them.
 
-    `on_motion_packet` is called with messages that are not replies to a pending request.
-    `before_motion_link` is awaited before the motion link connects.
+    `on_state_packet` and `on_motion_packet` are called with the messages of these links that are
+    not replies to pending requests. `before_motion_link` is awaited before the motion link
+    connects.
     """
     host, ports = configuration.host, (configuration.io_port, configuration.remote_port)
     turns = RemoteTurns()
@@ -143,8 +144,8 @@ def make_motors(
 ) -> Motors:
     """Return the object that switches the motors.
 
-    remote_port: port of Remote Ethernet, or 0. turns: order of requests on this port. login:
-    shared login on this port; None: each action logs in separately.
+    `remote_port`: port of Remote Ethernet, or 0. `turns`: gives one user at a time access to this
+    port. `login`: opens a shared session on this port; None: each action logs in separately.
     """
     if kind == 'motoman':
         return MotomanMotors(motion_link)

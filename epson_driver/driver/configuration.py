@@ -26,12 +26,12 @@ class Configuration:
 
     `errors`: texts of error numbers; None: EPSON's. `delivery`: how trajectories are sent. `io`:
     I/O points and how to access them. `mapping`: conversion of joint values; None: the controller
-    uses the ROS convention. `byte_order`: None: detected from messages, and `usual_byte_order`
-    before that. `motors`: how motors are switched and errors reset. `state_period`: initial
-    estimate of the time between two state messages, s. `margins`: tolerances for reported joints
-    beyond `limits`. `configured_as`: controller and robot model, for texts. `client_timeout`: time
-    after which the controller stops the arm if the driver sends nothing, s; 0: no timeout.
-    `password`: Remote Ethernet password, used if the controller runs no program.
+    uses the ROS convention. `byte_order`: byte order of all messages; None: `usual_byte_order`
+    until a message shows another. `motors`: how motors are switched and errors reset.
+    `state_period`: initial estimate of the time between two state messages, s. `margins`:
+    tolerances for reported joints beyond `limits`. `configured_as`: controller and robot model,
+    for texts. `client_timeout`: time after which the controller stops the arm if the driver sends
+    nothing, s; 0: none. `password`: for Remote Ethernet, if the controller runs no program.
     """
 
     host: str

@@ -49,8 +49,8 @@ SHUT_DOWN_TIMEOUT_S = 0.5
 """Maximum time for stopping the arm before the driver ends, s."""
 
 MAX_MIXED_POSITIONS = 2
-"""Maximum number of JOINT_POSITIONs between two JOINT_FEEDBACKs that are ignored, because a
-controller that sends both repeats the same positions. If there are more, they are used."""
+"""Maximum number of JOINT_POSITION messages ignored between two JOINT_FEEDBACK messages, because a
+controller that sends both repeats the same positions. Any further ones are used."""
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -67,10 +67,10 @@ class DriverEvents(Protocol):
     """Callbacks to the driver's owner, in the thread of the event loop."""
 
     def on_joints(self, sample: JointSample) -> None:
-        """Called for each state message with joints."""
+        """Called with each new joint state."""
 
     def on_status(self, status: Status) -> None:
-        """Called for each status. All its fields are unknown while none is available."""
+        """Called with each new status. All fields of `status` are unknown if none arrives."""
 
     def on_link_state(self, name: str, why: str) -> None:
         """Called when the combined state of the links has changed. `why`: the reason."""
@@ -91,9 +91,9 @@ class Driver:
         """Returns a description of other processes with the same ROS names, or ''. They also
         receive the requests for this driver."""
         self.namesakes_known = 0.0
-        """Loop time from which on all namesakes are discovered. The arm is not enabled before."""
+        """Loop time by which all namesakes are discovered, s. The arm is not enabled before."""
         self.stop_due = False
-        """True while STOP must still be sent first on a new motion connection."""
+        """True until STOP has been sent on a new motion connection that requires it first."""
         channel = make_channel(
             configuration,
             self._on_state_packet,
@@ -105,7 +105,7 @@ class Driver:
         self.links, self.motors, self.io = channel.links, channel.motors, channel.io
         delivery = channel.delivery
         self.statements = delivery if isinstance(delivery, StatementDelivery) else None
-        """Delivery of a controller that executes statements, else None."""
+        """Sends motions as SPEL+ statements. None if the controller receives points instead."""
         self.trace = Trace(channel.all_links)
         rules, mapping = configuration.state_rules, configuration.joint_mapping
         self.robot = robot = RobotState(
@@ -202,7 +202,7 @@ class Driver:
         return self.goal_queue.busy or self.servo.active
 
     def why_not(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first inhibit for a purpose at `now` (event loop time, s), or None."""
+        """Return the first reason against `purpose` at `now` (event loop time, s), or None."""
         return self._why_not(purpose, now)
 
     def check_namesakes(self) -> None:
@@ -234,7 +234,7 @@ class Driver:
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate, and end goals in planning and streams, but not the running goal.
+        """Close the arm gate, and end streams and goals in planning, but not the running goal.
 
         `motors_off`: the only reason is that the motors are off. `unexplained`: the controller has
         not reported the cause yet, so the log entry waits for the status that contains it.
@@ -374,9 +374,9 @@ class Driver:
         return powered and not self.motors.busy and self.gate.reason != DISABLED
 
     def _on_motion_packet(self, packet: Packet) -> None:
-        """Process a FAILURE without a pending request.
+        """Process a FAILURE reply for which no request is pending.
 
-        It rejects a point that was acknowledged before, or reports a heartbeat timeout.
+        Such a reply rejects a point acknowledged earlier, or reports a heartbeat timeout.
         """
         if packet.reply_code is not ReplyCode.FAILURE:
             return
@@ -408,7 +408,7 @@ class Driver:
         self._report_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
-        """Wait for the byte order if the controller keeps points, so that STOP comes first."""
+        """Wait for the byte order if STOP must come first because the controller keeps points."""
         if self._connects_later():
             await self._dialect_known.wait()
 
@@ -418,9 +418,9 @@ class Driver:
     def _stop_first(self) -> None:
         """Send STOP on a new motion connection if it is due and the byte order is known.
 
-        Otherwise STOP waits for the first joints, which show the byte order. Points need a state,
-        so they wait as well. If a later state shows another byte order, the connection is reopened
-        (Link.follow).
+        Otherwise STOP waits for the first joint state, which shows the byte order. Goals need a
+        joint state, so they also wait. If a later joint state shows another byte order, the
+        connection is reopened (Link.follow).
         """
         if not self._dialect_known.is_set():
             return
@@ -441,7 +441,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard an old status. While none arrives, report an unknown one each second."""
+        """Discard an old status, and report an unknown one each second until the next arrives."""
         while True:
             await wait_for_silence(self._status_missing)
             if self.robot.status is not None:

@@ -17,14 +17,14 @@ from epson_driver.simple_message import Mode, Status, TriState
 
 
 class Purpose(Flag):
-    """The purpose of a check for inhibits.
+    """An action for which the driver checks whether anything inhibits it.
 
     REPORT: report why the arm does not move. COMMAND: send a command to the controller.
     ENABLE: start to enable the arm. OPEN: open the arm gate. RUN: keep the gate open and motion
-    running. GOAL: accept a goal while the arm moves. READY: accept a goal whose motion is still to
-    be planned. ALONE: accept a goal that must not replace another. START: start a goal. STREAM:
-    start a stream of setpoints. FOLLOW: send the next setpoint. LET_GO: keep a stream for which
-    STOP was sent, for example after a silence. RESUME: resume a paused goal.
+    running. GOAL: accept a goal although joints are unavailable during a motion. READY: accept a
+    goal, or plan it, from known joints. ALONE: accept a goal that must not replace another. START:
+    start a goal. STREAM: start a stream of setpoints. FOLLOW: send the next setpoint. LET_GO: keep
+    a stream for which STOP was sent, for example after a silence. RESUME: resume a paused goal.
     """
 
     REPORT = auto()
@@ -74,8 +74,8 @@ class Inhibit:
     """A reason why the arm may not move.
 
     `text`: the reason, as part of a sentence. `advice`: the first remedy for a controller error
-    from the manufacturer's documentation, or ''. `past`: the text for an arm that is still
-    disabled after the cause has passed, or '' if it is the same.
+    from the manufacturer's documentation, or ''. `past`: replaces `text` if the arm is still
+    disabled after the cause has passed, or '' if `text` remains true.
     """
 
     cause: Cause

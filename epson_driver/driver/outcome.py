@@ -31,7 +31,7 @@ class End(Enum):
 class Outcome:
     """The outcome of a goal: result code, reason and remedy.
 
-    `unexplained`: the controller has not reported the cause of a rejection yet.
+    `unexplained`: a point was rejected, and the controller has not reported the cause yet.
     """
 
     end: End

@@ -30,9 +30,9 @@ class Remedy(Enum):
 
 
 Words = Mapping[Remedy, str]
-"""Texts of one interface, by remedy. The remedy's value is the text of a missing entry."""
+"""Texts of remedies for one user interface. A missing entry means the default text."""
 
 
 def with_remedy(text: str, remedy: Remedy, words: Words) -> str:
-    """Return a text followed by the remedy's text for an interface."""
+    """Return `text`, followed by the remedy in the words of a user interface."""
     return '; '.join(filter(None, (text, words.get(remedy, remedy.value))))

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Smoothing of trajectories in a separate process.
 
-It may take several seconds. The process can be killed at any time and does not block the event
-loop, which serves the links. Each trajectory uses a new process, which is started in advance.
+Smoothing may take several seconds. A process can be killed at any time and does not block the
+event loop, which serves the links. Each trajectory uses a new process, started in advance.
 """
 
 import asyncio

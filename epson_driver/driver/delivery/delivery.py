@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Delivery of trajectories to a controller as messages.
 
-A goal posts one message at a time, and the next one after the reply. Only the messages and their
-replies depend on the delivery:
+A goal sends one message at a time, and the next one after the reply. The kind of delivery (a
+subclass of Delivery) determines the messages and their replies:
 
 * streaming (streaming.py): each point is a request with a reply. Motoman uses the same scheme with
   its own messages;
-* download (download.py): points are topics without replies. Each counts as acknowledged when it
+* download (download.py): points are topics without replies. A point counts as acknowledged when it
   has been sent;
 * statements (statements.py): each motion is one SPEL+ statement, sent over Remote Ethernet. The
   reply arrives when the motion is over.
@@ -36,10 +36,10 @@ class DeliveryRules:
     """Rules for sending points to a controller, from the parameters and its profile.
 
     motoman: points need Motoman's commands. uses: fields of a JOINT_TRAJ_PT that the controller
-    uses. speed: speed of a controller that uses none of them, as a fraction of the maximum.
-    slowest: minimum speed of any other controller, as a fraction of the maximum. buffer: maximum
-    number of points of a download. dead_time: start delay of a download per point, s. power: motor
-    power that statements set. docs/controllers.md describes the values.
+    uses. speed: speed of a controller that uses neither field, as a fraction of the maximum.
+    slowest: minimum speed of the controller, as a fraction of the maximum. buffer: maximum number
+    of points of a download. dead_time: start delay of a download per point, s. power: motor power
+    that SPEL+ statements set. docs/controllers.md describes the values.
     """
 
     interface: Interface = 'streaming'
@@ -57,8 +57,8 @@ class DeliveryRules:
 class PreparedTrajectory:
     """A trajectory and its messages, in the order in which they are sent.
 
-    messages: may be created on access (trajectory_points.py). delay: time from the first message
-    until the controller starts to move the arm, s.
+    messages: may be created on access (LazyPoints). delay: time from the first message until the
+    controller starts to move the arm, s.
     """
 
     trajectory: Trajectory
@@ -72,7 +72,7 @@ class Delivery(ABC):
     `resumes`: the first point resumes a paused controller, or is rejected with the reason.
     `keeps_points`: the controller keeps its points when the client is lost, and executes them when
     a client connects again. `no_streams`: why the controller cannot follow setpoints, or ''.
-    `no_plans`: why it cannot execute trajectories of several points, or ''.
+    `no_plans`: why the controller cannot execute trajectories of several points, or ''.
     """
 
     resumes = False
@@ -98,8 +98,8 @@ class Delivery(ABC):
     def setpoint(self, step: Trajectory, sequence: int) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.
 
-        `step` has two points: the previous setpoint and this one. For the first setpoint both have
-        the same time and the arm's position. Raises GoalRejectedError if the controller cannot
+        `step` has two points: the previous setpoint and this one. For the first setpoint both are
+        the arm's position at the same time. Raises GoalRejectedError if the controller cannot
         follow setpoints.
         """
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.no_streams)

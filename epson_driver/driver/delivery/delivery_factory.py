@@ -1,16 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The delivery rules for a controller and its parameters."""
+"""Rules for sending trajectories to a controller, from its profile and the parameters."""
 
 from epson_driver.driver.delivery.delivery import DeliveryRules, Interface
 from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 
 LOW_POWER = 0.05
-"""Fraction of full speed in low power."""
+"""Maximum speed in low power mode, as a fraction of full speed."""
 
 WHOLE_PERCENT = 0.01
-"""Minimum Speed of SPEL+, as a fraction."""
+"""Minimum of the SPEL+ statement `Speed`, 1 %, as a fraction."""
 
 
 def delivery_rules(

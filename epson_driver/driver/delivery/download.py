@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The download interface: a whole trajectory is sent before the arm moves.
 
-It follows ROS-Industrial's motion_download_interface. All points are topics. The sequence of the
-first point is -1, that of the last -3, and that of the others their index. A trajectory of one
-point is sent as two points. STOP is a request.
+It follows ROS-Industrial's motion_download_interface. All points are sent as topics. Their
+sequence number is -1 for the first point, -3 for the last, and the index for all others. A
+trajectory of one point is sent as two points. STOP is sent as a request.
 
 Points have no replies. Only the robot state shows whether the arm has executed them. A trajectory
 that exceeds the controller's buffer is therefore rejected before any point is sent.
@@ -29,7 +29,7 @@ from epson_driver.simple_message import (
 )
 
 MAX_UNSENT_BYTES = 16384
-"""Maximum number of bytes in the send buffer when another point is sent."""
+"""The next point is sent when at most this many bytes are still in the send buffer."""
 
 MAX_START_DELAY_S = 0.1
 """Maximum start delay of the arm in addition to the dead times of all points, s."""
@@ -50,7 +50,7 @@ class Download(Delivery):
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return the points. Raises GoalRejectedError if the buffer is too small for them."""
+        """Return the messages. Raises GoalRejectedError if they exceed the controller's buffer."""
         points = trajectory_points(
             trajectory, start, self._limits, self._mapping, self._rules.uses
         )
@@ -68,7 +68,7 @@ class Download(Delivery):
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point, and call `on_reply` when another one may be sent, or send STOP."""
+        """Send a point or STOP. After a point, `on_reply` is called when the next may be sent."""
         if message == STOP:
             self._link.post(message, on_reply)
             return
@@ -84,7 +84,7 @@ class Download(Delivery):
 
 
 def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
-    """Return points that are numbered 0, 1, 2, … with the sequences of a download.
+    """Return `points`, numbered 0, 1, 2, …, with the sequence numbers of a download.
 
     A single point is duplicated.
     """

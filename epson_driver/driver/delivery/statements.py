@@ -37,7 +37,7 @@ MAX_COMPARED = 2000
 """Maximum number of planned positions that are compared with the via point of an arc."""
 
 AT_START = 0.02
-"""Distance from the arm within which an earlier point counts as the start, rad or m."""
+"""Maximum distance of all points except the last from the arm's position, rad or m."""
 
 MAX_CHARACTERS = 4060
 """Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
@@ -61,7 +61,7 @@ class Statement(Message):
 
     text: str
     duration: float = inf
-    """Expected time until the reply, s. It is unknown because the controller plans the motion."""
+    """Expected time until the reply, s, infinite because only the controller knows it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +93,10 @@ def last_point(trajectory: Trajectory) -> Trajectory:
 
 
 class StatementDelivery(Delivery):
-    """Motions as statements. A trajectory becomes one `Go` to its last point.
+    """Motions as SPEL+ statements. A trajectory becomes one `Go` to its last point.
 
     Only `power` and `slowest` of the rules are used. Targets are joint positions in the ROS
-    convention, shape (n,), rad (m), so they also define the arm's configuration.
+    convention, shape (n,), rad or m, which also determine the arm's posture.
     """
 
     no_plans = NO_TIMES
@@ -128,7 +128,7 @@ class StatementDelivery(Delivery):
         return PreparedTrajectory(last_point(trajectory), [move])
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError without a link."""
+        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError if the link is down."""
 
         def on_answer(value: str | Exception) -> None:
             if isinstance(value, ConnectionError):
@@ -145,7 +145,7 @@ class StatementDelivery(Delivery):
             self._remote.abort(on_answer)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
-        """Return the statements of a joint move. speed, acceleration: fractions, (0, 1]."""
+        """Return the statements of a joint move. `speed`, `acceleration`: fraction of maximum."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return f'{self._settings}; {text}'
@@ -160,8 +160,8 @@ class StatementDelivery(Delivery):
     ) -> str:
         """Return the statements of a line, or of a circular arc through `via`, shape (3,), m.
 
-        tool: pose of the tool in the flange frame, shape (4, 4), m. positions: planned joint
-        positions from start to end, shape (k, n).
+        `tool`: pose of the tool in the flange frame, shape (4, 4), m. `positions`: planned joint
+        positions from start to end, shape (k, n), rad or m.
         """
         target = self._point(positions[-1])
         if via is None:
@@ -192,9 +192,9 @@ def _percent(fraction: float) -> int:
 
 
 def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
-    """Return joint positions with the tool at `via`.
+    """Return joint positions that place the tool at `via`, oriented as at the nearest position.
 
-    The orientation of the tool is that of the nearest planned position.
+    `positions`: planned joint positions. If `via` cannot be reached, the nearest one is returned.
     """
     positions = positions[:: len(positions) // MAX_COMPARED + 1]
     poses = [arm.forward(row) for row in positions]
@@ -206,7 +206,7 @@ def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
 
 
 def _tool(pose: Array) -> str:
-    """Return the statements that select a tool by its pose in the flange, shape (4, 4), m."""
+    """Return the statements that select a tool. `pose`: in the flange frame, shape (4, 4), m."""
     if np.allclose(pose, np.eye(4), atol=1e-9):
         return 'Tool 0'
     frame = [*(pose[:3, 3] * 1e3), *np.degrees(uvw(pose[:3, :3]))]

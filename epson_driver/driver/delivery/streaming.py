@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The streaming interface: each point is a request, and its reply releases the next one."""
+"""The streaming interface: each point is a request, and the next one is sent after its reply."""
 
 import asyncio
 import contextlib
@@ -107,7 +107,7 @@ class MotomanDelivery(FullStreaming):
     ) -> None:
         super().__init__(link, limits, mapping, rules)
         self._trajectory = 0
-        """Number of trajectories and stops so far. Points of an older trajectory are dropped."""
+        """Number of trajectories and stops so far. Older points are not sent again after BUSY."""
 
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send a point or STOP. START_TRAJ_MODE precedes the first point."""

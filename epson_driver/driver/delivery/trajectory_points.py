@@ -44,7 +44,7 @@ FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCI
 """Fields of a JOINT_TRAJ_PT_FULL. Motoman requires these three, and does not use accelerations."""
 
 BLOCK_POINTS = 256
-"""Number of messages created together, in about 0.5 ms. A few messages would take as long. The
+"""Number of messages created together, in about 0.5 ms, which a few messages would also take. The
 first message is created separately, because the arm waits for it."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
@@ -68,14 +68,14 @@ def trajectory_points(
 
     `start`: position of the arm, shape (n,), rad. By default all points are converted.
 
-    `velocity` is a fraction of the joint's limit. It is the maximum of the segment's mean speed
-    and the velocities at both ends. For a controller that uses only the velocity (`uses`), it is
-    the mean speed, so that the segment takes its planned time. `duration` is the duration of the
-    segment. A first point at 0 s is close to the arm, which moves there at
-    FIRST_POINT_VELOCITY_FRACTION.
+    The field `velocity` of a message is the speed of the fastest joint in the segment to the
+    point, as a fraction of its limit: the maximum of the mean speed and of the velocities at both
+    ends. For a controller that uses only the velocity (`uses`), it is the mean speed, so that the
+    segment takes its planned time. The field `duration` is the duration of the segment. A first
+    point at 0 s is close to the arm, which moves there at FIRST_POINT_VELOCITY_FRACTION.
 
-    Both fields are always filled, so that a controller which uses a field contrary to its profile
-    is not faster than planned.
+    Both fields are always filled, so that a controller that uses them contrary to its profile is
+    not faster than planned.
     """
     rows, times = trajectory.positions[first:end], trajectory.times[first:end]
     if first:

@@ -37,10 +37,10 @@ class Tolerances:
         velocity_error: Array,
         unit: Callable[[int], str] = lambda _: 'rad',
     ) -> str | None:
-        """Return a text with the worst violation: joint, error and limit. None if there is none.
+        """Return the worst violation as text, with joint, error and tolerance, or None.
 
-        Velocity errors are only evaluated if all position errors are allowed. `unit` returns the
-        unit of a joint's position for the joint's index.
+        Velocity errors are only evaluated if no position error exceeds its tolerance.
+        `unit(joint)` returns the unit of the position of a joint, which is given by its index.
         """
         for quantity, errors, limits, per in (
             ('position', position_error, self.position, ''),
@@ -63,13 +63,13 @@ class Goal:
 
     goal_tolerance: shape (n,), rad; inf disables the check of a joint.
     goal_time: maximum delay after the planned end, s; 0 means no limit.
-    goal_velocity: velocity below which a joint counts as stopped, shape (n,), rad/s, if lower than
-    `stopped_velocity` of the settings; None: `stopped_velocity` applies to all joints.
+    goal_velocity: velocity below which each joint counts as stopped, shape (n,), rad/s. The value
+    in `GoalSettings.stopped_velocity` applies instead if it is lower, or if this is None.
     path_tolerance: maximum deviation from the plan at each time; None: not checked.
     units: 'rad' or 'm', one per joint; empty: all rad.
     may_end_moving: the last point may have a velocity. The arm comes to rest there anyway.
-    message: SPEL+ statements that execute the whole goal by Remote Ethernet; None: the delivery
-    creates the messages from the trajectory.
+    message: SPEL+ statements that execute the whole goal by Remote Ethernet; None: the messages
+    are created from the trajectory.
     start: earliest start by the event loop's clock, s; 0: immediately.
 
     The goal queue checks every goal before sending any part of it.
@@ -109,8 +109,8 @@ def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
 
     Positions that exceed a limit only by a rounding error are set to the limit.
 
-    Raises GoalRejectedError INVALID_JOINTS if the joints or their order differ from the limits, or
-    if an array has another shape, and INVALID_GOAL if `check_limits` finds a violation.
+    Raises GoalRejectedError (INVALID_JOINTS) if the joints or their order differ from `limits`, or
+    if an array has the wrong shape, and (INVALID_GOAL) if `check_limits` finds a violation.
     """
     trajectory, names = goal.trajectory, limits.names
     if trajectory.joint_names != names:
@@ -140,9 +140,9 @@ def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
 def check_limits(
     trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
 ) -> None:
-    """Raise GoalRejectedError INVALID_GOAL if the trajectory is invalid or exceeds a limit.
+    """Raise GoalRejectedError (INVALID_GOAL) if the trajectory is invalid or exceeds a limit.
 
-    The velocity of the last point must be 0 unless `may_end_moving`.
+    The velocity of the last point must be 0 unless `may_end_moving` is set.
     """
     if result := list(problems(trajectory, limits)):
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(result))
@@ -154,7 +154,7 @@ def check_limits(
 def check_start(
     trajectory: Trajectory, actual: Array, limits: JointLimits, tolerance: float
 ) -> None:
-    """Raise GoalRejectedError INVALID_GOAL unless the trajectory starts where the arm is.
+    """Raise GoalRejectedError (INVALID_GOAL) unless the trajectory starts where the arm is.
 
     A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad). If the
     first point has a later time, the arm must be able to reach it by then.
@@ -227,9 +227,9 @@ class GoalSettings:
     """Tolerances and timeouts of a goal execution.
 
     stopped_velocity: velocity below which a joint counts as stopped, rad/s.
-    reply_timeout: maximum wait for a reply while the arm is at rest, added to the duration of the
-    move, s.
-    cause_timeout: maximum wait of a rejected goal for the STATUS with the cause, s.
+    reply_timeout: maximum wait for a reply beyond the planned duration of the move, while the arm
+    is at rest, s.
+    cause_timeout: maximum wait for the STATUS with the cause after a point was rejected, s.
     require_planned_speed: reject plans and streams that the controller is known to execute faster.
     """
 
@@ -245,7 +245,7 @@ def cause_timeout(state: StateProfile) -> float:
 
 
 MIN_DISPLACEMENT = 1e-3
-"""Minimum distance from start to goal, rad or m, at which the arm must have moved closer."""
+"""Minimum distance from start to goal for the check that the arm has moved closer, rad or m."""
 
 
 class Arrival:
@@ -259,7 +259,7 @@ class Arrival:
 
     @cached_property
     def _min_excursion(self) -> float:
-        """Result of the function `_min_excursion`, which is slow because it reads every point."""
+        """Result of `_min_excursion`, stored because the calculation reads every point."""
         return _min_excursion(self._goal)
 
     def update(self, positions: Array) -> None:
@@ -272,15 +272,15 @@ class Arrival:
     def reached(self, *, at_rest: bool) -> bool:
         """Return whether the arm has moved and is at the goal, within the goal tolerance.
 
-        `at_rest`: the controller reports that the arm is at rest. If it does not, the arm must
-        also have moved closer to the goal.
+        `at_rest`: the controller reports that the arm is at rest. If False, the arm must also have
+        moved closer to the goal.
         """
         if not (self._departed and (at_rest or self._came_closer())):
             return False
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_closer(self) -> bool:
-        """Return whether the joint with the longest distance has passed half of that distance."""
+        """Return whether the joint that had the longest distance has moved half of it."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))
@@ -302,10 +302,9 @@ class Arrival:
 
 
 def _min_excursion(goal: Goal) -> float:
-    """Return the minimum distance from the goal that shows that the arm has moved, rad.
+    """Return the minimum distance from the goal at which the arm counts as having moved, rad.
 
-    It is needed because a path may end where it starts. An arm that has not moved yet is then
-    already at the goal.
+    A path may end where it starts. An arm that has not moved yet is then already at the goal.
     """
     positions = goal.trajectory.positions
     last = positions[-1]

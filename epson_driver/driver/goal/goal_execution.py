@@ -58,11 +58,11 @@ process was not scheduled, or that the controller is silent, which the link dete
 (`ReceiveTimeout`)."""
 
 EARLY_S = 0.2
-"""Time subtracted from the estimated plan time of a pause, s. The estimate is then rather too
-early, so that a resumed goal repeats points instead of skipping them."""
+"""Time subtracted from the estimated plan time of a pause, s, because a resumed goal should repeat
+points rather than skip them."""
 
 ACCEPTED_EARLY = 2
-"""Number of acknowledged points that the arm has not reached, if the controller ignores times."""
+"""Assumed number of acknowledged points ahead of a paused arm, if the controller ignores times."""
 
 _log = logging.getLogger(__name__)
 
@@ -301,7 +301,7 @@ class GoalExecution:
 
     @contextlib.contextmanager
     def ended_by_rejection(self) -> Iterator[None]:
-        """End the goal by a fault if the `with` block raises GoalRejectedError."""
+        """Call `fault` if the `with` block raises GoalRejectedError."""
         try:
             yield
         except GoalRejectedError as rejection:
@@ -333,7 +333,7 @@ class GoalExecution:
         self._on_end(Outcome(End.ABORTED, code, text, unexplained, remedy))
 
     def _reject(self, why: str, now: float, *, moved: bool = False) -> None:
-        """Stop after a rejection, and wait for its cause. `moved`: the arm may have moved."""
+        """Send STOP after a rejection, and wait for its cause. `moved`: the arm may have moved."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
         moved |= self.point > 0
@@ -420,7 +420,7 @@ class GoalExecution:
         return stopped
 
     def _check_arrival(self, now: float, *, at_rest: bool) -> None:
-        """End the goal if the arm is at its end, or at rest elsewhere for SETTLE_TIME_S.
+        """End the goal if the arm has arrived, or abort it after SETTLE_TIME_S at rest elsewhere.
 
         `at_rest`: the controller reports that the arm is at rest.
         """
@@ -440,7 +440,7 @@ class GoalExecution:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _other_speed(self, timing: Timing) -> str:
-        """Log and return a text if the goal ran at another speed than planned, else ''."""
+        """Return a text, and log it, if the goal ran at another speed than planned, else ''."""
         own = self.goal.message is not None  # the controller chose the speed
         why = '' if self._timing_monitor is None or own else self._timing_monitor.deviation(timing)
         if not why:
@@ -509,7 +509,7 @@ class GoalExecution:
             self._due = max(self._due, now)
 
     def _check_path(self, sample: JointSample, now: float) -> None:
-        """Stop if new joints are outside the path tolerance at the time of their measurement."""
+        """Stop the arm if a new joint sample was outside the path tolerance when measured."""
         tolerance = self.goal.path_tolerance
         is_new, self._checked = sample is not self._checked, sample
         if (

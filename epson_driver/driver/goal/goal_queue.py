@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Handles goals from submission to outcome. One goal runs, and one may wait.
 
-A new goal waits while the driver stops the running goal, and starts when the arm is at rest. A
-goal may have ended before the arm is at rest. The next goal then waits until that stop is
-complete. A goal with a start time in the future already counts as the running goal, in the state
-PREPARING. All of this code runs in the driver's loop.
+A new goal waits while the driver stops the running goal, and starts when the arm is at rest, which
+may be later than the end of the previous goal. A goal with a start time in the future already
+counts as the running goal, in the state PREPARING. All of this code runs in the driver's loop.
 """
 
 import asyncio
@@ -57,8 +56,8 @@ class GoalHandle:
 
     on_end: called once, with the outcome. on_feedback: called with each joint sample. task: the
     task that waits for fresh joints, for the smooth motion, or for the start time, if any. plan:
-    the planning scope of a motion that was planned from a specific start position, or None. Such a
-    goal is rejected while another goal runs, and after its scope has ended.
+    the planning scope of a goal that was planned from a specific start position, or None. Such a
+    goal is rejected while another goal runs, and after its planning was cancelled.
     """
 
     goal: Goal
@@ -138,7 +137,7 @@ class GoalQueue:
 
     @property
     def why_no_stream(self) -> str:
-        """Why setpoint streams are refused because the controller ignores their speed, or ''."""
+        """Reason for refusing setpoint streams if the controller ignores their speed, or ''."""
         required = self._settings.require_planned_speed
         return self._timing_monitor.why_no_stream() if required else ''
 
@@ -185,8 +184,8 @@ class GoalQueue:
 
         An invalid goal is aborted immediately, and the running goal continues.
 
-        If the pose is too old, the goal waits briefly for a newer one: the loop may not have been
-        scheduled for a while, and newer joints may still be unread.
+        If the last joint state is too old, the goal waits briefly for a newer one, which may still
+        be unread because the loop was not scheduled for a while.
         """
         try:
             if handle.plan is not None and handle.plan.why is not None:
@@ -209,7 +208,7 @@ class GoalQueue:
             self._submit(handle, now)
 
     async def _submit_later(self, handle: GoalHandle) -> None:
-        """Submit a goal when a fresh pose is available, or after FRESH_POSE_TIMEOUT_S."""
+        """Submit a goal when fresh joints are available, or after FRESH_POSE_TIMEOUT_S."""
         now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
         if handle is self._waiting:
             self._waiting = handle.task = None
@@ -235,7 +234,7 @@ class GoalQueue:
             self.execution.stop('replaced by a new goal', _now())
 
     def _wait(self, handle: GoalHandle) -> None:
-        """Queue a goal until a pose arrives or the arm stops. End a previously queued goal."""
+        """Queue a goal until joints arrive or the arm stops. End a previously queued goal."""
         replaced, self._waiting = self._waiting, handle
         if replaced is not None:
             self._end_unstarted(replaced, REPLACED)
@@ -261,7 +260,7 @@ class GoalQueue:
         handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
-        """Start the waiting goal because the arm has stopped, unless it waits for a pose."""
+        """Start the waiting goal after the arm has stopped, unless the goal waits for joints."""
         following = self._waiting
         if self._running is None and following is not None and following.task is None:
             self._waiting = None
@@ -274,7 +273,7 @@ class GoalQueue:
             execution.fault(f'{why} ({execution.where})')
 
     def withdraw(self) -> None:
-        """Notify the running goal that the controller withdrew an acknowledgement."""
+        """Notify the running goal that the controller rejected a point acknowledged before."""
         if self.execution is not None:
             self.execution.on_unsolicited_failure(_now())
 
@@ -317,21 +316,21 @@ class GoalQueue:
 
     @property
     def _purpose(self) -> Purpose:
-        """Purpose with which a new goal is checked.
+        """Purpose of the check of a new goal.
 
-        It is GOAL, which needs no pose, while a goal runs and the controller reports no joints.
+        While a goal runs and the controller reports no joints, it is GOAL, which needs no joints.
         """
         moves = self._running is not None and self._robot.joints_unavailable
         return Purpose.GOAL if moves else Purpose.READY
 
     def check(self, purpose: Purpose, now: float) -> None:
-        """Raise GoalRejectedError if `purpose` is inhibited at `now`, s."""
+        """Raise GoalRejectedError if anything inhibits `purpose` at `now` (loop time, s)."""
         if (inhibit := self._why_not(purpose, now)) is not None:
             text = inhibit.text_with_remedy
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, text, inhibit.remedy)
 
     def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
-        """Return the newest joints. Raises GoalRejectedError if `purpose` is inhibited."""
+        """Return the newest joints. Raises GoalRejectedError if anything inhibits `purpose`."""
         self.check(purpose, now)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
@@ -361,7 +360,7 @@ class GoalQueue:
     def set_speed(self, factor: float) -> str:
         """Set the speed scaling (0 pauses), and return a text that describes its effect.
 
-        Raises ValueError if the factor is out of range, or if the controller does not support it.
+        Raises ValueError if the factor is out of range or not supported by the controller.
         """
         running = None if self.execution is None else self.execution.goal.trajectory
         self._timing_monitor.check_factor(factor, running)
@@ -421,7 +420,7 @@ class GoalQueue:
                 self._execute(execution, motion, self._start_sample(motion, now))
 
     def _start_sample(self, trajectory: Trajectory, now: float) -> JointSample:
-        """Return the newest joints. Raises GoalRejectedError if the trajectory must not start."""
+        """Return the newest joints. Raises GoalRejectedError if the trajectory cannot start."""
         sample = self.ready_sample(now, Purpose.START)
         check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
         return sample
@@ -429,7 +428,7 @@ class GoalQueue:
     def _execute(
         self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
     ) -> None:
-        """Send the first point. Raises GoalRejectedError if the controller does not support it."""
+        """Send the first point. Raises GoalRejectedError if the trajectory is not supported."""
         if (message := execution.goal.message) is not None:
             prepared = PreparedTrajectory(trajectory, [message])
         else:

@@ -52,9 +52,9 @@ class PlanningScope:
         """Run `work` in a thread, and return its result or raise its exception.
 
         Raises PlanningEndedError as soon as the goal is canceled, without waiting for the thread.
-        `work` receives a function and must call it at each step. The function raises
-        PlanningEndedError if the planning is canceled. The thread then ends early, because
-        the process waits for its threads when it exits.
+        `work` receives a function that it must call at each step, and that raises
+        PlanningEndedError if the goal is canceled. This ends the thread early, because the process
+        waits for its threads when it exits.
         """
         self.check()
         loop = asyncio.get_running_loop()
@@ -84,9 +84,9 @@ class PlanningScopes:
         self._numbers = count()
 
     def begin(self, plan: PlanningScope | None = None) -> PlanningScope:
-        """Register a goal for `end`, and return its scope.
+        """Register a goal, so that `end` cancels it, and return its scope.
 
-        `plan`: the goal's scope, or None to create one. Only a weak reference is stored.
+        `plan`: the goal's scope; None: a new one. Only a weak reference to it is stored.
         """
         plan = PlanningScope() if plan is None else plan
         self._plans[next(self._numbers)] = plan

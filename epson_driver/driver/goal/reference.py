@@ -51,7 +51,7 @@ class SpeedScaling:
         return self._target
 
     def set(self, factor: float, now: float, *, ramp: bool = True) -> None:
-        """Set the target of the factor, which is reached in a `ramp` or immediately.
+        """Set the requested factor. `ramp`: change to it gradually instead of immediately.
 
         Raises ValueError if the factor is out of range.
         """
@@ -67,7 +67,7 @@ class SpeedScaling:
         self._from, self._since = 0.0, now
 
     def factor(self, now: float) -> float:
-        """Return the factor at `now`, at or after the last `set`."""
+        """Return the factor at `now`, which must not be before the last call of `set`."""
         change = self._target - self._from
         if not change or not self._target:
             return self._target
@@ -77,16 +77,16 @@ class SpeedScaling:
         return self._from + (done if change > 0.0 else -done)
 
     def least(self, message: Message) -> float:
-        """Return the minimum factor (0, 1] for a point's message, or 0 if there is none.
+        """Return the minimum factor for a point's message, or 0 if it has no minimum.
 
-        Below it the velocity would be less than MIN_VELOCITY, which is never sent.
+        A lower factor would need a velocity below MIN_VELOCITY, which is never sent.
         """
         if not (self._by_velocity and isinstance(message, JointTrajPt)):
             return 0.0
         return MIN_VELOCITY / message.velocity
 
     def time_for(self, planned: float, now: float) -> float:
-        """Return how long a section of a plan takes from `now` on, s, including the ramp.
+        """Return how long a section of a plan takes if it starts at `now`, s, with the ramp.
 
         `planned`: duration of the section at factor 1, s. The target must not be 0.
         """
@@ -160,7 +160,7 @@ class ReferenceTrajectory:
 
 
 class GoalClock:
-    """The plan time of a goal, which starts at 0 at the first `now`. Times are monotonic, s."""
+    """Clock of a goal's plan time. It starts at 0 at `now`. All times are monotonic, s."""
 
     def __init__(self, trajectory: Trajectory, start: Array, scaling: SpeedScaling, now: float):
         self.time = 0.0
@@ -177,7 +177,7 @@ class GoalClock:
         self._factors.append(factor)
 
     def advance(self, now: float, *, running: bool = True) -> None:
-        """Advance by the time since the last call, or only set `rate` to 0 if not `running`."""
+        """Advance by the time since the last call. If not `running`, only set `rate` to 0."""
         remaining, self._now = now - self._now, max(now, self._now)
         if not running or remaining < 0.0:
             self.rate = 0.0

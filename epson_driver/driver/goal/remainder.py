@@ -18,7 +18,8 @@ from epson_driver.driver.delivery.trajectory_points import (
 from epson_driver.motion import Array, JointLimits, Trajectory
 
 TIME_WEIGHT = 0.05
-"""Weight of the time difference relative to the distance from the path, both in plan seconds."""
+"""Weight of the difference from the expected time, relative to the distance from the path. Both
+are in s: the distance is divided by the plan's maximum speed."""
 
 FROM_REST = 1.5
 """Factor on the time to the first point, because the arm accelerates from rest."""

@@ -88,7 +88,7 @@ class TimingMonitor:
         return f'took {timing.executed:.3g} s instead of {timing.planned:.3g} s: {self._why}'
 
     def check_factor(self, factor: float, running: Trajectory | None) -> None:
-        """Raise ValueError if the arm would not move at this speed scaling.
+        """Raise ValueError if the controller cannot execute motions at this speed scaling.
 
         `running`: the trajectory being executed, or None.
         """

@@ -94,10 +94,7 @@ class Gripper:
                 raise GripperError(f'the outputs of the gripper were not set: {answer.text}')
 
     def _state_after_timeout(self, state: GripperState, opened: bool) -> GripperState:
-        """Return the state of a gripper that holds an object.
-
-        Raises GripperError if it does not, because it has not moved or was commanded to open.
-        """
+        """Return `state` if a closing gripper holds an object. Raises GripperError otherwise."""
         wiring = self.wiring
         if not self._input_was_on:
             raise GripperError(

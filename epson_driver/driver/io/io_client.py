@@ -72,9 +72,9 @@ WRITE_GROUP = ('SetIOByte,{},{:02X}', 'SetIOWord,{},{:04X}')
 
 
 class RemoteEthernetIo(Backend):
-    """Access to I/O points by Remote Ethernet commands. Each request logs in separately.
+    """Access to I/O points by Remote Ethernet commands.
 
-    `login`: shared login, which is used instead.
+    `login`: opens a shared session; None: each request logs in separately.
     """
 
     shown = (IoType.DIGITAL_INPUT,)
@@ -155,7 +155,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class IoAnswer:
-    """Result for one point. `result`: IoResult number, or 0 with another error in `text`."""
+    """Result for one point. `result`: IoResult number, or 0 if `text` contains another error."""
 
     io_type: int
     index: int
@@ -296,7 +296,7 @@ class Io:
                     await self._wake.wait()
 
     async def _values(self) -> tuple[tuple[IoValues, ...], str]:
-        """Return the values of all readable ranges, and the first error of the others, or ''.
+        """Return the values of all readable ranges, and the first error of unreadable ones, or ''.
 
         Raises IoUnavailableError if a request fails, or if no range is readable.
         """
@@ -377,9 +377,9 @@ def make_io(
 ) -> Io:
     """Return the I/O client for a profile.
 
-    ports: I/O port and remote port. A port of 0 is not used. timeout: reply timeout, s. turns:
-    order of requests on the remote port. login: shared login on the remote port; None: each
-    request logs in separately.
+    `ports`: I/O port and remote port. A port of 0 is not used. `timeout`: reply timeout, s.
+    `turns`: gives one user at a time access to the remote port. `login`: opens a shared session on
+    the remote port; None: each request logs in separately.
     """
     port, remote_port = ports
     missing = 'I/O is not used: its port is 0'

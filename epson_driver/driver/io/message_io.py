@@ -82,7 +82,7 @@ class MessageIo(Backend):
             self._dialect_known.set()
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the byte order of the state server, because only replies on the I/O port show it."""
+        """Use the state server's byte order, which the I/O port shows only after a request."""
         self.link.follow(dialect)
         self._dialect_known.set()
 

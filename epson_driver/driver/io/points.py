@@ -174,7 +174,7 @@ def shown(
 
 
 def packed(groups: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
-    """Return the values of a range of groups. `bits`: values of all digital points from 0 on."""
+    """Return the values of a range of groups, from `bits`, the values of all digital points."""
     width = _width(groups.start)
     first = groups.start % WORD_GROUPS
     return tuple(
@@ -233,7 +233,7 @@ def _width(group: int) -> int:
 
 
 def _max_value(group: int, ranges: Ranges) -> int:
-    """Return the maximum value of an output group, according to its existing points."""
+    """Return the largest value of an output group, given which of its digital points exist."""
     width = _width(group)
     first = group % WORD_GROUPS * width
     outputs = [item for item in ranges if item.io_type == IoType.DIGITAL_OUTPUT]

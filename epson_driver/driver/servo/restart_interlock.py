@@ -86,7 +86,7 @@ class RestartInterlock:
         return self._topics[source].released
 
     def waiting(self, now: float) -> Iterator[tuple[str, float]]:
-        """Yield each blocked topic with messages since the last stop, and its time left, s."""
+        """Yield each topic that is blocked but still sends, and the time until its release, s."""
         for source, topic in self._topics.items():
             quiet = now - max(topic.last_request, self._last_trip)
             sends = topic.last_message >= self._last_trip

@@ -76,8 +76,7 @@ class Setpoint:
 
     positions: shape (n,), rad or m, or None for a velocity setpoint. velocities: shape (n,), rad/s
     or m/s. They are the target of a velocity setpoint, and optional for positions. window: all
-    points of a message with several. The positions and velocities are then those of its last
-    point.
+    points, if the message has several. `positions` and `velocities` are then the last point's.
     """
 
     source: str

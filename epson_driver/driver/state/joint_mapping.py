@@ -24,9 +24,9 @@ OFFSETS = list_of(number(-1000.0, 1000.0))
 
 @dataclass(frozen=True, eq=False)
 class JointMapping:
-    """The mapping of n joints. signs: 1 or -1, shape (n,). offsets: shape (n,), rad.
+    """The mapping of n joints. signs: 1 or -1, shape (n,). offsets: shape (n,), rad or m.
 
-    All methods convert arrays of shape (n,) or (points, n), in rad or rad/s.
+    All methods convert arrays of shape (n,) or (points, n), in rad (m) or rad/s (m/s).
     """
 
     signs: Array
@@ -65,9 +65,9 @@ class JointMapping:
 def joint_mapping(
     joints: int, signs: Sequence[int], offsets: Sequence[float], j23_factor: int
 ) -> JointMapping:
-    """Return the mapping for the parameters. A single sign or offset applies to all joints.
+    """Return the mapping of joints between the controller and ROS, for the driver's parameters.
 
-    Raises ValueError if a parameter is invalid.
+    A single sign or offset applies to all joints. Raises ValueError if a parameter is invalid.
     """
     for name, values in (('joint_signs', signs), ('joint_offsets', offsets)):
         if len(values) not in (1, joints):

@@ -146,7 +146,7 @@ class RobotState:
         self.status: Status | None = None
         self.status_time = 0.0
         self.status_measured = 0.0
-        """Time at which the controller sent the newest status, as accurate as `measured`."""
+        """Time at which the newest status was sent, estimated like `JointSample.measured`."""
         self.arrivals: deque[float] = deque(maxlen=MAX_ARRIVALS)
         """Arrival times of the last joint messages of this connection, the newest last."""
         self.bounded = 0
@@ -203,7 +203,7 @@ class RobotState:
         return self.sample
 
     def moved_beyond_model(self, data: tuple[float, ...]) -> int | None:
-        """Return the number of a joint that the model lacks when it moves first, else None."""
+        """Return the number of a moving joint that the model lacks, once, and otherwise None."""
         others = data[self._joints :]
         if self._others is None or others == self._others:
             return None
@@ -233,7 +233,7 @@ class RobotState:
 
     @property
     def paused(self) -> bool:
-        """Whether the controller denies motion, without an error, that it allowed before."""
+        """Whether the controller no longer permits motion, but reports no error."""
         return self._pause.interrupted
 
     @property

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates when the controller sent each state message, despite network delays.
 
-Messages are sent once per period by the controller's clock, one per slot. They arrive late by a
+The controller sends one message in each period of its clock (a slot). Messages arrive late by a
 varying network, kernel and scheduling delay. TCP neither loses nor reorders them, so slots can be
 counted. The delay is never negative, so the lower envelope of the arrivals, through the least
 delayed messages, is the sender's clock plus the minimum delay. The distance of a message from the
@@ -38,7 +38,7 @@ SAME_PERIOD_FRACTION of the period, 1/PERIOD_FILTER_DIVISOR of the difference is
 change must occur MIN_DOUBTS times in a row, which takes 2 s: a stalled program causes many."""
 
 LATE_SLOTS = 3
-"""Delay above which a message counts as late, in slots."""
+"""Delay above which a message counts as late, in slots (message periods)."""
 
 DECISION_SLOTS = 4
 """Slots after a late message until the spacing of the next messages is evaluated."""
@@ -216,8 +216,8 @@ class SenderClock:
 class RequestClock:
     """Replaces SenderClock for a controller that sends its state only on request.
 
-    The arrival time of a reply is its measurement time, apart from the round trip. `period`: the
-    configured period, or the last one if longer, s.
+    The arrival time of a reply counts as its measurement time. `period`: the configured period, or
+    the time between the last two replies if longer, s.
     """
 
     gap: float | None = None

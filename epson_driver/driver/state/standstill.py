@@ -47,9 +47,9 @@ class Standstill:
         self._rest_position: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
-        """Start again, and ignore samples measured until `after`, before the motion may start.
+        """Restart the detection. Only samples measured later than `after` count.
 
-        `after`: None ignores all samples. `rest`: required standstill, s.
+        `after`: None excludes all samples. `rest`: required standstill, s.
         """
         self._after = after
         self._rest = rest

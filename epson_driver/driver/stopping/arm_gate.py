@@ -12,7 +12,7 @@ DISABLED = 'disabled on request'
 
 
 class GateError(RuntimeError):
-    """Raised if the gate must stay closed, because the request to open it is no longer valid."""
+    """Raised if the gate stays closed, because the request to open it is no longer valid."""
 
 
 class EnableRequest:

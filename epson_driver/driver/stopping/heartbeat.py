@@ -79,7 +79,7 @@ class Heartbeat:
         self._request, self._supported = None, False
 
     def before_point(self) -> None:
-        """Send a heartbeat before the first point. Raises ConnectionError after a stall."""
+        """Send a heartbeat before a first point. Raises ConnectionError if the loop stalled."""
         if not self._supported:
             return
         if not self._has_points():
@@ -109,8 +109,8 @@ class Heartbeat:
     def check_stall(self, *, stopped: bool = False) -> str | None:
         """End the motion and return the reason if the loop was stalled since the last heartbeat.
 
-        Returns None if it was not, or if no heartbeats are needed now. `stopped`: the controller
-        reports that its heartbeat timeout expired. A stall of half the timeout is then sufficient.
+        Returns None without a stall, or if no heartbeats are needed now. `stopped`: the controller
+        reports that its heartbeat timeout expired, so a gap of half the timeout counts as a stall.
         """
         if not (self._supported and self._has_points()):
             return None

@@ -68,8 +68,8 @@ class Stopper:
     """Sends all messages on the motion port, and supervises each STOP until the arm is at rest.
 
     `before_point` is called before each point. It may raise ConnectionError to prevent sending.
-    `on_alarm(why, unanswered)` is called once for each failed stop, with True if STOP has no
-    reply. `on_rest` is called when a stop is over. Times are the event loop's, s.
+    `on_alarm(why, unanswered)` is called once for each failed stop. `unanswered`: no reply to STOP
+    has arrived. `on_rest` is called when a stop is over. Times are the event loop's, s.
     """
 
     def __init__(
@@ -269,7 +269,7 @@ class Stopper:
             raise
 
     def _not_sent(self, why: str) -> None:
-        """Record that no reply to STOP will arrive, so the robot state alone decides."""
+        """Record that no reply to STOP will arrive, so only the robot state can end the stop."""
         self._unsent = why
         if not self.answered:
             self._standstill.expect_rest(UNCONFIRMED_REST_TIME_S)
