@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, go
-from epson_driver.motion.closest_samples import Figures, measure
 from epson_driver.motion.interpolation import central_differences
-from epson_driver.motion.stoppable import StoppableMotion
-from epson_driver.report.smooth_study import spline
+from epson_driver.node.stoppable import StoppableMotion
+from epson_driver.report.smooth_study import Figures, measure, spline
 
 
 @dataclass(frozen=True)

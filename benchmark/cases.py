@@ -11,7 +11,7 @@ from benchmark.references import ReferenceTimes
 from benchmark.strategies import STRATEGIES, Strategy, run
 from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
-from epson_driver.motion.closest_samples import Figures
+from epson_driver.report.smooth_study import Figures
 
 CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
 """Shares of the points after which the stream is cut in additional runs, per strategy."""

@@ -25,7 +25,7 @@ from benchmark.metrics import Metrics
 from benchmark.references import References, digest
 from benchmark.strategies import STRATEGIES
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from epson_driver.motion.closest_samples import Figures
+from epson_driver.report.smooth_study import Figures
 
 MAX_QUICK_POINTS = 60
 CYCLE_S = 0.004

@@ -14,10 +14,10 @@ from numpy.polynomial import chebyshev
 from benchmark.exact_extrema import NODES, Extrema, Spans, State, both_ends, executed_spans
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.joint_motion import JointMotion, JointStop
-from epson_driver.motion.overlap import JointMoves
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.sim_controller.arm.executor import Motion
+from epson_driver.sim_controller.arm.overlap import JointMoves
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint, Segment
 from epson_driver.tool_motion.curve_motion import CurveMotion
 from simulation.oracles import BrokenError

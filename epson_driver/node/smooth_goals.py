@@ -47,7 +47,6 @@ from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.motion.smoothed import MAX_STEP_S
 from epson_driver.motion.smoother import Mode
-from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.node import messages
 from epson_driver.node.downstream import ArmState, Downstream, Sent
 from epson_driver.node.goal_action import (
@@ -62,6 +61,7 @@ from epson_driver.node.goal_server import RESULT_TIMEOUT_S
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.parameters import declare_rows, undeclared
 from epson_driver.node.ros_process import context_of
+from epson_driver.node.stoppable import StoppableMotion
 from epson_driver.node.trajectory_messages import (
     duration_in_s,
     trajectory_from_message,

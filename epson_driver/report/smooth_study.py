@@ -12,8 +12,9 @@ import numpy as np
 
 from epson_driver.inputs import write_file
 from epson_driver.motion import Array, JointLimits, Trajectory, go
-from epson_driver.motion.closest_samples import Figures, measure, passed
+from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.interpolation import Interpolation, central_differences
+from epson_driver.motion.smoother.waypoints import MIN_DWELL_S
 
 SAMPLE_RATE_HZ = 1000.0
 """Sample rate of the point-to-point motion and of the spline, Hz."""
@@ -26,6 +27,86 @@ MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
 
 MAX_SHARED_TIME_RATIO = 3.0
 """Maximum ratio of the longest to the shortest duration for a common time scale."""
+
+REST_VELOCITY_SHARE = 1e-3
+"""Fraction of its velocity limit below which a joint is at rest."""
+
+TURNING_ACCELERATION_SHARE = 0.05
+"""Fraction of its acceleration limit from which a joint without speed reverses instead of
+stopping."""
+
+RESTING_COMMAND_SHARE = 2e-3
+"""Fraction of the velocity limit up to which a commanded speed counts as rest."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Measurements of a motion.
+
+    `velocity`, `acceleration` and `jerk` are the maximum usage of a joint's limit, 1 for the full
+    limit. The jerk is that between two samples.
+    """
+
+    duration: float
+    """Time from the first to the last sample, s."""
+    stops: int
+    """Stops between start and end that were not commanded."""
+    commanded_stops: int
+    velocity: float
+    acceleration: float
+    jerk: float
+
+
+def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits) -> Figures:
+    """Return the measurements of a motion with equally spaced samples.
+
+    `command`: the plan, which may command rests between start and end, or None if there is none.
+    Raises ValueError if the motion has no velocities or accelerations.
+    """
+    if motion.velocities is None or motion.accelerations is None:
+        raise ValueError('the motion has no velocities or no accelerations')
+    speed = np.max(np.abs(motion.velocities) / limits.velocity, axis=1)
+    push = np.max(np.abs(motion.accelerations) / limits.acceleration, axis=1)
+    jerks = np.diff(motion.accelerations, axis=0) / np.diff(motion.times)[:, None]
+    rests = 0 if command is None else commanded_rests(command, limits)
+    stops = _stops(speed, push)
+    return Figures(
+        motion.duration - float(motion.times[0]),
+        max(stops - rests, 0),
+        min(stops, rests),
+        float(speed.max()),
+        float(push.max()),
+        float(np.max(np.abs(jerks) / limits.jerk, initial=0.0)),
+    )
+
+
+def _stops(speed: Array, push: Array) -> int:
+    """Return the number of stops between start and end that last at least two samples.
+
+    speed, push: usage of the velocity and acceleration limits at each sample.
+    """
+    at_rest = (speed < REST_VELOCITY_SHARE) & (push < TURNING_ACCELERATION_SHARE)
+    moving = np.flatnonzero(speed >= REST_VELOCITY_SHARE)
+    if not moving.size:
+        return 0
+    inside = at_rest[moving[0] : moving[-1]].astype(np.int8)
+    edges = np.diff(inside, prepend=0, append=0)
+    return int(np.sum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1) >= 2))
+
+
+def commanded_rests(command: Trajectory, limits: JointLimits) -> int:
+    """Return the number of rests of at least MIN_DWELL_S that a plan commands between its ends."""
+    durations = np.diff(command.times)
+    distances = np.max(np.abs(np.diff(command.positions, axis=0)) / limits.velocity, axis=1)
+    resting = distances <= RESTING_COMMAND_SHARE * durations
+    moving = np.flatnonzero(~resting)
+    if not moving.size:
+        return 0
+    inside = slice(moving[0], moving[-1])
+    edges = np.diff(resting[inside].astype(np.int8), prepend=0, append=0)
+    elapsed = np.concatenate([[0.0], np.cumsum(durations[inside])])
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return int(np.sum(elapsed[ends] - elapsed[starts] >= MIN_DWELL_S))
 
 
 def per_unit(limits: JointLimits, per: str = '') -> str:

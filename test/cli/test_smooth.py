@@ -9,9 +9,9 @@ import pytest
 
 from epson_driver.cli import smooth
 from epson_driver.motion import Trajectory, problems
-from epson_driver.motion.closest_samples import measure, passed
+from epson_driver.motion.closest_samples import passed
 from epson_driver.processes.interrupt import INTERRUPTED
-from epson_driver.report.smooth_study import column, point_to_point, spline
+from epson_driver.report.smooth_study import column, measure, point_to_point, spline
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory

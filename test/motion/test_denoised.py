@@ -7,8 +7,9 @@ import pytest
 from support.examples import one_in
 
 from epson_driver.motion import JointLimits, Trajectory, smooth
-from epson_driver.motion.closest_samples import measure, passed
+from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.smoothed import MIN_TOLERANCE, denoised
+from epson_driver.report.smooth_study import measure
 from epson_driver.robots import load_robot_model
 
 ARM = load_robot_model('c3_a601s').limits

@@ -11,9 +11,10 @@ import pytest
 from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN
 
 from epson_driver.motion import JointLimits, Trajectory, smooth
-from epson_driver.motion.closest_samples import measure, passed
+from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.smoothed import every, retimed, smoothed, thinned
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
+from epson_driver.report.smooth_study import measure
 
 
 @pytest.mark.parametrize('mode', Mode)

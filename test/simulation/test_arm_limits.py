@@ -10,7 +10,7 @@ import pytest
 from benchmark.exact_extrema import Extrema
 from epson_driver.motion import go, point_to_point
 from epson_driver.motion.joint_motion import stop_joints
-from epson_driver.motion.overlap import JointMoves, Part
+from epson_driver.sim_controller.arm.overlap import JointMoves, Part
 from epson_driver.sim_controller.arm.streaming import Streaming
 from epson_driver.tool_motion.curve_motion import Curve, CurveSpeed, go_along
 from simulation.arm_limits import cuts, spans_of

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion
-from epson_driver.motion.overlap import JointMoves, Part
 from epson_driver.sim_controller.arm.low_power import LOW_POWER
+from epson_driver.sim_controller.arm.overlap import JointMoves, Part
 from epson_driver.tool_motion.curve_motion import (
     Curve,
     CurveMotion,

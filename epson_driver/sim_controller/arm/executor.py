@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from epson_driver.motion import Array, JointLimits, LineMotion
-from epson_driver.motion.overlap import JointMoves
+from epson_driver.sim_controller.arm.overlap import JointMoves
 from epson_driver.tool_motion.curve_motion import CurveMotion
 
 Motion = LineMotion | CurveMotion | JointMoves

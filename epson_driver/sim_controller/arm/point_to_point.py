@@ -25,10 +25,10 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.joint_motion import JointStop, stop_joints
-from epson_driver.motion.overlap import blend_start
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
 from epson_driver.sim_controller.arm.executor import Motion, PathMotion, Point
 from epson_driver.sim_controller.arm.low_power import LowPower
+from epson_driver.sim_controller.arm.overlap import blend_start
 
 Stop = Motion | JointStop
 

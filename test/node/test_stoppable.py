@@ -10,11 +10,12 @@ import pytest
 from support.examples import one_in
 from support.smoother_harness import LIMITS, PLAN
 
-from epson_driver.motion import Trajectory, stoppable
+from epson_driver.motion import Trajectory
 from epson_driver.motion.interpolation import Interpolation, hermite, polynomial
 from epson_driver.motion.smoothed import MAX_STEP_S, smoothed
 from epson_driver.motion.smoother import Mode
-from epson_driver.motion.stoppable import StoppableMotion
+from epson_driver.node import stoppable
+from epson_driver.node.stoppable import StoppableMotion
 
 LONGEST_S = 0.008
 

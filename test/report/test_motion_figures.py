@@ -1,20 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of known motions, and the places and times at which they pass waypoints."""
+"""Figures of known motions."""
 
 import numpy as np
 import pytest
-from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN, motion_of
+from support.smoother_harness import LIMITS, NAMES, motion_of
 
 from epson_driver.motion import Trajectory
-from epson_driver.motion import closest_samples as passages_module
-from epson_driver.motion.closest_samples import (
-    closest_sample_indices,
-    commanded_rests,
-    measure,
-    passed,
-)
-from epson_driver.motion.smoothed import smoothed
+from epson_driver.report.smooth_study import commanded_rests, measure
 
 TIMES = np.arange(0.0, 4.0005, 0.001)
 
@@ -52,26 +45,3 @@ def test_figures_are_multiples_of_the_limits():
 def test_plan_at_one_position_has_no_intermediate_rests():
     command = Trajectory(NAMES, np.array([0.0, 1.0, 2.0]), np.full((3, 2), 0.3))
     assert commanded_rests(command, LIMITS) == 0
-
-
-def test_passages_are_found_between_samples_in_order():
-    times = np.arange(0.0, 2.005, 0.01)
-    motion = motion_of(times, lambda times: np.sin(np.pi * times))  # up, down, and up again
-    a = [0.0, 0.5, 1.0, 0.5, -1.0, 0.0]
-    waypoints = np.stack([a, [0.0, 0.0, 0.0, 0.0, 0.1, 0.0]], axis=1)
-    errors, when = passed(waypoints, motion)
-    expected = np.array([0.0, 1 / 6, 0.5, 5 / 6, 1.5, 2.0])
-    assert np.abs(when - expected)[[0, 1, 2, 3, 5]].max() < 0.02
-    assert abs(when[4] - 1.5) < 0.15  # 0.1 rad away during that time
-    assert errors[[0, 1, 2, 3, 5]].max() < 1e-4
-    assert errors[4] == pytest.approx(0.1)
-    assert closest_sample_indices(waypoints, motion.positions)[0] == 0
-
-
-def test_sparse_search_of_long_motions_gives_the_same_result(monkeypatch):
-    motion = smoothed(PLAN, LIMITS, period=0.001)
-    expected = passed(CURVE, motion)
-    monkeypatch.setattr(passages_module, 'MAX_COMPARED_PAIRS', 1000)
-    errors, times = passed(CURVE, motion)
-    assert errors == pytest.approx(expected[0])
-    assert times == pytest.approx(expected[1])

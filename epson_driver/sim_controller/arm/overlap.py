@@ -8,30 +8,13 @@ is checked exactly against the limits.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import LineMotion, Pieces
-
-
-class Move(Protocol):
-    """A motion from rest to rest, as a function of the time since its start."""
-
-    origin: Array
-    end: Array
-    duration: float
-
-    @property
-    def braking(self) -> float:
-        """Time at which the deceleration of a motion from rest to rest starts, s."""
-
-    def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
-
-    def stop(self, time: float) -> 'Move':
-        """Return the fastest stop on the motion's path from the state at `time`."""
+from epson_driver.tool_motion.curve_motion import CurveMotion
 
 
 class Part(NamedTuple):
@@ -39,7 +22,7 @@ class Part(NamedTuple):
 
     start: float
     origin: Array
-    move: Move
+    move: 'LineMotion | CurveMotion | JointMoves'
 
     @property
     def end(self) -> float:
