@@ -50,8 +50,8 @@ DEFAULT_SPEED = 0.05
 class SpelSource(NamedTuple):
     """A SPEL+ program, its ports, and its terminal (None: log the output).
 
-    `environment`: the environment of the program (None: the default). `starts`: the function to
-    run. If it is not main, BgMain is not started either.
+    `environment`: stub answers, port settings and files of the program (None: the defaults).
+    `starts`: the function to start. If it is not main, BgMain is not started.
     """
 
     program: CompiledProgram
@@ -76,7 +76,7 @@ def new_controller(
     `start` is the initial arm position, shape (n,), rad (None: the position within the limits that
     is nearest to zero). With a `planner` the arm moves smoothly, otherwise point to point. With
     `spel` a SPEL+ program runs instead of the built-in one, and the arm moves point to point.
-    `dialect` and `state_period`, s, default to the profile's. `seed` is the seed of the faults.
+    `dialect` and `state_period`, s, default to the profile's. `seed`: seed of random faults.
     Raises ValueError if the start is outside the limits, or if the robot has more joints than fit
     in a message.
     """
@@ -110,7 +110,7 @@ def new_controller(
 
 
 def program_network(profile: ControllerProfile) -> ProgramNetwork:
-    """Return the ports of a SPEL+ program. It names the profile's ports motion, state and io."""
+    """Return a SPEL+ program's ports. The profile's ports are named motion, state and io."""
     ports = profile.ports
     return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
 
@@ -136,7 +136,7 @@ def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
 
 
 def _statements(controller: Controller, start: Array) -> PointToPoint:
-    """Return the motion statements of SPEL+ for an arm at `start`, shape (n,), rad."""
+    """Return an executor of SPEL+ motion statements, with the arm at `start`, shape (n,), rad."""
     return PointToPoint(
         controller.model.limits,
         start,
@@ -149,7 +149,7 @@ def _statements(controller: Controller, start: Array) -> PointToPoint:
 
 
 def _command_window(controller: Controller) -> SpelProgram:
-    """Return an empty program for $Execute, which takes over the arm for each motion."""
+    """Return an empty program that executes `$Execute` and takes control of the arm to move."""
     executor = _statements(controller, controller.arm.commanded)
 
     def acquire_arm() -> None:

@@ -52,8 +52,8 @@ _Slot = tuple[Callable[[], Message], ...]
 class StateSession:
     """Session of one state client, with joint positions every `state_period` s.
 
-    A STATUS follows after `joint_positions_per_status` of them. Each message contains the state at
-    its due time, even if it is sent late.
+    A STATUS is sent after every `joint_positions_per_status` joint positions. Each message
+    contains the state at its due time, even if it is sent late.
     """
 
     def __init__(self, controller: Controller, send: Send) -> None:
@@ -98,7 +98,7 @@ class StateSession:
 
 
 SLICES = 20
-"""Number of slices of the timeout.
+"""Number of slices into which `ClientWatchdog` divides its timeout.
 
 A scheduling delay of this process counts as one slice, however long it is. Messages that arrive
 during the delay are therefore read before the timeout expires.
@@ -214,11 +214,11 @@ class ClientConnection(Session):
 
     @property
     def eviction_priority(self) -> tuple[bool, bool, bool, float]:
-        """The sort key for eviction from a full remote port. The client with the lowest key goes.
+        """The sort key for a full remote port, where the client with the lowest key is evicted.
 
-        The criteria in order of precedence: a new client, a client on this machine, a client with
-        an accepted command such as a login, the time of the last command. A client that waits for
-        the answer to `$Execute` has no advantage.
+        Its parts in order of precedence: whether the client is new, is on this machine, has an
+        accepted command such as a login, and the time of its last command, s. A client that waits
+        for the answer to `$Execute` has no advantage.
         """
         session = self.session
         if not isinstance(session, RemoteSession):
@@ -257,7 +257,7 @@ class ClientConnection(Session):
 
 
 class ClientConnections:
-    """All client connections of one controller, and its unserved ports."""
+    """All client connections of one controller. `spel`: ports of its SPEL+ program, if any."""
 
     def __init__(self, controller: Controller, spel: ProgramPorts | None = None) -> None:
         self._controller = controller
@@ -307,14 +307,14 @@ class ClientConnections:
         return bool(self._of(port))
 
     def make_room(self, port: str) -> None:
-        """Close the connection of the port's oldest client, unless the arm has points."""
+        """Disconnect the port's oldest client, unless the arm moves or has points to execute."""
         connections = self._of(port)
         if connections and not self._controller.moving:
             _log.warning('the oldest %s client is disconnected for a new one', port)
             connections[0].hang_up()
 
     def dismiss_remote(self, why: str) -> None:
-        """Close the connection of the remote client with the lowest priority, if any."""
+        """Disconnect the remote client with the lowest `eviction_priority`, if any. Log `why`."""
         key = attrgetter('eviction_priority')
         connection = min(self._of('remote'), key=key, default=None)
         if connection is not None:
@@ -326,7 +326,7 @@ class ClientConnections:
         return [connection for connection in self._connections if connection.port in ports]
 
     def check_login(self) -> None:
-        """Raise ConnectionRefusedError if a client of an exclusive port is logged in."""
+        """Raise ConnectionRefusedError if a client is logged in and only one is allowed."""
         sessions = [connection.session for connection in self._of('remote')]
         one = self._controller.profile.remote.clients == 1
         if one and any(isinstance(item, RemoteSession) and item.logged_in for item in sessions):

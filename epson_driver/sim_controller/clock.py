@@ -62,7 +62,7 @@ class Clock:
 
     @property
     def next_due(self) -> float | None:
-        """Due time of the next timer, s, or None without timers."""
+        """Due time of the next timer, s, or None if no timer is active."""
         while self._timers and self._timers[0][2].action is None:
             heapq.heappop(self._timers)
         return self._timers[0][0] if self._timers else None

@@ -82,7 +82,7 @@ CYCLE_PERIOD_S = 0.004
 """Period of the motion control, s."""
 
 MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
-"""The largest push that a servo withstands, rad or m. A larger one causes a servo error."""
+"""Unit of a joint → its largest push, rad or m, that causes no servo error."""
 
 
 class Clients(Protocol):
@@ -101,23 +101,23 @@ class Clients(Protocol):
         """Return whether a port has a client."""
 
     def make_room(self, port: str) -> None:
-        """Close the connection of the port's oldest client, unless the arm has points."""
+        """Disconnect the port's oldest client, unless the arm moves or has points to execute."""
 
     def check_login(self) -> None:
-        """Raise ConnectionRefusedError if a client of an exclusive remote port is logged in."""
+        """Raise ConnectionRefusedError if a client is logged in and only one is allowed."""
 
     def dismiss_remote(self, why: str) -> None:
-        """Close the connection of the remote client with the lowest priority, if any."""
+        """Disconnect the remote client that is evicted first, if any, and log the reason `why`."""
 
     def boot(self, seconds: float) -> None:
         """Close all connections, and refuse new ones for `seconds`."""
 
 
 class Controller:
-    """One controller, without sockets and real time. `assembly.new_controller` creates it.
+    """One controller, independent of sockets and real time. Create with `new_controller`.
 
-    `start` is the initial arm position, shape (n,), rad. `planner` plans smooth motion (None:
-    unsupported). The state port sends every `state_period` s. `seed` is the seed of the faults.
+    `start`: initial arm position, shape (n,), rad. `planner`: planner of smooth motion (None: only
+    point-to-point motion). `state_period`: period of the state port, s. `seed`: of random faults.
     """
 
     arm: SimulatedArm
@@ -222,7 +222,7 @@ class Controller:
 
     @property
     def command_window(self) -> CommandWindow:
-        """The SPEL+ program for $Execute. It is empty if `program` is the built-in program."""
+        """The SPEL+ program that executes `$Execute`: `program`, or else an empty one."""
         if self._command_window is None:
             self._command_window = self.new_command_window()
         return self._command_window
@@ -260,8 +260,8 @@ class Controller:
     def raise_error(self, number: int, critical: bool = False, text: str = '') -> None:
         """Set an error, which cuts the motor power and aborts the tasks.
 
-        It lasts until a reset, or if `critical`, until a boot. `text` is the message of a SPEL+
-        program, which has already logged it.
+        The error lasts until a reset, or if `critical`, until a boot. `text`: the error message of
+        a SPEL+ program, already logged (empty: the text of `number` is logged).
         """
         if self.condition.fault is not Fault.CRITICAL:
             self._error, self._error_text = number, text
@@ -345,8 +345,8 @@ class Controller:
 
         The clock proceeds from one timer to the next. Before each timer the arm advances to the
         timer's due time (`_move`). `SimulatedArm.step` calls `Program.step`, which steps the
-        executor and supplies the next point if a point is done within it. Finally the servos
-        follow the resulting command.
+        executor and supplies the next point if the arm completes one within this time. Finally the
+        servos follow the commanded motion.
         """
         self.clock.advance(self.clock.now + dt, self._move)
 
@@ -367,7 +367,7 @@ class Controller:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has a target, possibly after a pause."""
+        """Whether the arm moves or has points to execute, even during a pause."""
         return self.arm.moving
 
     def _move(self, dt: float) -> None:
@@ -383,7 +383,7 @@ class Controller:
     # State.
 
     def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Set the numbers of a SPEL+ setting, which must be in its range."""
+        """Set a SPEL+ setting such as Speed to `numbers`, which must be within its range."""
         self.spel.change(name, numbers)
         self._apply_settings()
 
@@ -405,7 +405,7 @@ class Controller:
         return self._error or self.errors.number
 
     def error_text(self, number: int) -> str:
-        """Return the text of an error number, or the program's message for the current error."""
+        """Return the text of an error number, or for the current error, the program's message."""
         message = self._error_text if number == self.error_number == self._error else ''
         return message or TEXTS.get(number, 'see the manual')
 
@@ -470,9 +470,9 @@ class Controller:
             self.arm.start_recovery()
 
     def _handle_standstill(self) -> None:
-        """If the arm is at rest, take the steps that were waiting for this.
+        """If the arm is at rest, take the actions that wait for standstill.
 
-        They are a resumption at low power, the end of a recovery, and switching the motors off.
+        These are: resume at low power, end the recovery, and switch the motors off.
         """
         if self.in_motion:
             return
@@ -492,7 +492,7 @@ class Controller:
             self.apply(Event.STANDSTILL)
 
     def apply_power(self) -> None:
-        """Apply the power to the arm. A moving arm brakes before it resumes at low power."""
+        """Apply low or high power. A moving arm brakes before it resumes at low power."""
         arm, low = self.arm.executor, self.condition.power is not Power.HIGH
         continues = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and continues and not arm.at_rest:
@@ -501,7 +501,7 @@ class Controller:
         arm.low_power = low
 
     def trajectory_starts(self) -> None:
-        """Set the power for a trajectory that starts now."""
+        """Select high power for a trajectory that starts now, if the profile specifies it."""
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
 

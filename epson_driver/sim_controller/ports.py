@@ -65,7 +65,7 @@ class Client(Protocol):
 class ClientSession(Session, Protocol):
     """The session of a port that a SPEL+ program has opened as a client.
 
-    `is_open`: the program has not closed the port.
+    `is_open`: whether the program has not closed the port yet.
     """
 
     name: str
@@ -95,7 +95,7 @@ class ProgramPorts(Protocol):
         """Return why a client of a port cannot be served now, or None."""
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Return a session with an accepted client, which it disconnects with `close`."""
+        """Return the session for an accepted client. It calls `close` to disconnect the client."""
 
 
 Answer = Callable[[str | SpelError], None]
@@ -149,7 +149,7 @@ class Program(Protocol):
         """Restart after a power cycle of the controller."""
 
     def tasks(self) -> Iterable[TaskRow] | None:
-        """Return the tasks for display, or None for those in condition/tasks.py."""
+        """Return the tasks to display, or None to display those of condition/tasks.py."""
 
 
 class CommandWindow(Program, Protocol):

@@ -81,7 +81,7 @@ class WaitingConsole(Console):
 
 
 class Bench:
-    """Creates simulated controllers with all I/O boards for programs."""
+    """Creates simulated controllers for SPEL+ programs, with the maximum number of I/O points."""
 
     def __init__(self, robot: str, controller_profile: str) -> None:
         self._model = load_robot_model(robot)
@@ -210,7 +210,7 @@ def _ended(controller: Controller, code: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """The result of a test. `error` is empty if it passed. `seconds`: its duration, s."""
+    """The result of a test. `error`: empty if it passed. `seconds`: duration, s (simulated)."""
 
     __test__ = False
 
@@ -226,7 +226,7 @@ class TestResult:
 def run_tests(
     program: Program, bench: Bench, names: Callable[[str], bool], environment: ProgramEnvironment
 ) -> Iterator[TestResult]:
-    """Run the tests for whose name `names` returns True, and yield each result."""
+    """Run each test for which `names(name)` returns True, and yield its result."""
     for code in program.functions:
         if code.name.lower().startswith('test') and names(code.name):
             yield run_function(program, code, bench, environment.fresh())
@@ -239,7 +239,7 @@ def run_function(
     environment: ProgramEnvironment,
     max_time: float = LONGEST_S,
 ) -> TestResult:
-    """Run a function instead of main to its end, or for at most `max_time` s."""
+    """Run a function instead of main, for at most `max_time` s, and return the result."""
     if code.parameters:
         return TestResult(code.name, code.at, 'a test cannot have parameters', '', 0.0)
     terminal = KeptText()

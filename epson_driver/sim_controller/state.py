@@ -43,7 +43,7 @@ NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
     Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
     Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
 }
-"""State of a region → why points are refused, in order of precedence. A pause refuses none."""
+"""Controller state → reason for refusing points, by precedence. A pause refuses no points."""
 
 _MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 

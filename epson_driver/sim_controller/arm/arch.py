@@ -158,6 +158,6 @@ def is_on_leg(leg: Leg, position: Array) -> bool:
 
 
 def changed(limits: JointLimits, by: Callable[[str, Array], Array]) -> JointLimits:
-    """Return limits with `by` applied to velocity, acceleration and jerk."""
+    """Return limits with velocity, acceleration and jerk replaced by `by(name, limit)`."""
     velocity, acceleration, jerk = (by(kind, getattr(limits, kind)) for kind in _KINDS)
     return replace(limits, velocity=velocity, acceleration=acceleration, jerk=jerk)

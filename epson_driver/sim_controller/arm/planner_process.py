@@ -48,7 +48,7 @@ class PlannerError(RuntimeError):
 class PlannerProcess:
     """Planner in a child process, used from the event loop.
 
-    The process plans within `limits` until a request has other ones.
+    The process plans within the joint limits `limits` until a request changes them.
     """
 
     def __init__(self, limits: JointLimits) -> None:
@@ -68,7 +68,7 @@ class PlannerProcess:
         return None if self._child is None else self._child.pid
 
     async def start(self) -> None:
-        """Start the process and wait until it is ready. Raises PlannerError."""
+        """Start the process and wait until it is ready. Raises PlannerError if this fails."""
         child = await _Child.started()
         try:
             async with asyncio.timeout(START_TIMEOUT_S):

@@ -114,7 +114,7 @@ class PointToPoint:
 
     start: joint positions, shape (n,), rad. speed, accel: fractions (0, 1] of the limits (SPEL+
     Speed, Accel). caps: limits at low power (None: low power has no effect). timed: a point's
-    duration also makes its move slower, otherwise it has no effect. Other arguments: see above.
+    duration also makes its move slower, otherwise it has no effect. Others: see the module.
     """
 
     def __init__(
@@ -362,7 +362,7 @@ class PointToPoint:
             ended.statement.executed = True
 
     def _skip(self, position: Array) -> None:
-        """Skip moves to the current position, within the resolution of messages (float32)."""
+        """Skip the next statements if their target is `position`, compared as float32."""
         while self._queue and np.array_equal(
             position.astype(np.float32), self._queue[0].target.astype(np.float32)
         ):
@@ -395,7 +395,7 @@ class PointToPoint:
         return Segment(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
-        """Add the next move so that it starts during the deceleration of the last segment."""
+        """If possible, start the next move during the deceleration of the last segment."""
         last = self._segments[-1]
         self._skip(last.motion.end)
         if not self._queue or self.low_power is not last.low_power:

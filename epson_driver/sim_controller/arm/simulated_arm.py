@@ -12,7 +12,7 @@ from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
 
 SETTLE_JERK = 10.0
-"""Maximum jerk, rad/s³, of the last step in which a joint is set to its command."""
+"""Maximum jerk, rad/s³, of the last step, which sets a joint exactly to its command."""
 
 SETTLE_DISTANCE = 1e-12
 """Distance from the command, rad, below which a joint is set to it regardless of the jerk."""
@@ -124,7 +124,7 @@ class Servo:
         self._pushed = True
 
     def set_position(self, position: Array) -> None:
-        """Set the positions of the joints, shape (n,), rad, while they have no power."""
+        """Set the joint positions, shape (n,), rad. Requires that the joints have no power."""
         self._command = position.copy()
         self._arrive(settled=True)
         self._velocity = self._rest
@@ -188,7 +188,7 @@ class SimulatedArm:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has a target, possibly after a pause."""
+        """Whether the arm moves or has points to execute, even during a pause."""
         return self.executor.moving or self.in_motion
 
     @property
@@ -202,8 +202,8 @@ class SimulatedArm:
         """Advance by `dt` ≥ 0 s.
 
         A recovery advances alone. Otherwise `execute`, the program's `step`, is called with `dt`.
-        It steps the executor and supplies the next point if one is done within `dt`. Finally the
-        servos follow the resulting command.
+        It steps the executor and supplies the next point if the arm completes one within `dt`.
+        Finally the servos follow the commanded motion.
         """
         if self._recovery is not None:
             if not self.executor.moving:  # its points were discarded, so no return is needed
@@ -214,7 +214,7 @@ class SimulatedArm:
         self.servo.step(self.commanded, dt)
 
     def switch_executor(self, executor: Executor) -> None:
-        """Switch to another executor until it is idle. The arm must be at rest now."""
+        """Give an executor control of the arm until it is idle. Requires an arm at rest."""
         if self.executor is not executor:
             executor.set_position(self.commanded)
             self._set_executor(executor)

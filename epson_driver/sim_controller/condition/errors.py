@@ -69,13 +69,16 @@ class ErrorRegister:
         _log.warning('refused (%d): %s', rejection.number, rejection.sentence)
 
     def clear(self, only: int | None = None) -> None:
-        """Clear the error. If a number `only` is specified, clear no other error."""
+        """Clear the error. If `only` is a number, clear the error only if it has this number."""
         if only in (None, self.number):
             self.number = ErrorNumber.NONE
 
 
 def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
-    """Return why angles, shape (n,), rad, are outside the limits, or None. Names the first one."""
+    """Return a rejection for the first joint with an angle outside its limits, or None.
+
+    angles: shape (n,), rad.
+    """
     low, high = limits.position_min, limits.position_max
     # A limit that was rounded to float32 in transit is allowed.
     inside = (angles >= np.minimum(low, low.astype(np.float32))) & (

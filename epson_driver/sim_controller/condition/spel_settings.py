@@ -20,7 +20,7 @@ SETTINGS: dict[str, tuple[float, ...]] = {
     'Weight': (1,),
     'Inertia': (),
 }
-"""Setting → the manual's initial values. Those of Speed and Accel come from the program."""
+"""Setting → initial values in the SPEL+ manual. `SpelSettings` adds Speed and Accel."""
 
 DEFAULTS_AFTER = (Event.MOTORS_ON, Event.RESET, Event.STOP, Event.BOOT)
 """Events after which SPEL+ resets the settings."""

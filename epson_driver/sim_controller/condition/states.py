@@ -281,7 +281,7 @@ REGIONS: Tables = {
     'mode': MODE,
     'power': POWER,
 }
-"""Region, a field of `Condition` → its table."""
+"""Region (field of `Condition`) → table from (state, event) to the next state."""
 
 STARTED_BY_A_PERSON: Tables = {
     **REGIONS,
@@ -336,7 +336,7 @@ REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
     (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
 }
-"""(event, state of a region) in which the event is refused → message. The first match counts."""
+"""(event, state that forbids the event) → message. The first match counts."""
 
 
 def after(condition: Condition, event: Event, tables: Tables = REGIONS) -> Condition:

@@ -63,7 +63,7 @@ class Task(NamedTuple):
     type: TaskType
 
     def state(self, condition: Condition) -> TaskState:
-        """Return the state of the task."""
+        """Return the task's state in a condition of the controller (for example paused)."""
         return TASK_STATES[self.type][condition.tasks]
 
 

@@ -18,11 +18,10 @@ _COMM_TYPE_OFFSET = 8
 
 @dataclass(slots=True)
 class OutgoingMessage:
-    """One message to the client, which disturbances modify, and the manner of sending it.
+    """One message to the client, and how it is sent. Faults modify both.
 
-    If `data` is empty, the message is lost. It is delayed by `delay` s. If `gather` > 0, all
-    messages of the following `gather` s are sent in one piece. `one_byte`: each byte is sent
-    alone.
+    `data`: bytes (empty: the message is lost). `delay`: delay, s. `gather`: time for which
+    messages are collected and then sent together, s. `one_byte`: send each byte separately.
     """
 
     data: bytes
@@ -50,7 +49,7 @@ def jitter(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> No
 
 
 def coalesce(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Send the message together with all others of the next `seconds`."""
+    """Collect messages for `seconds`, and then send them together."""
     outgoing.gather = max(outgoing.gather, fault.number('seconds'))
 
 

@@ -23,8 +23,7 @@ DATA_PORTS = ('motion', 'state', 'io')
 """The ports that carry simple messages."""
 
 REMOTE_PORT = 'remote'
-"""The port through which users clear faults. Only a fault that names this port and ends affects
-it."""
+"""The port through which users clear faults. A fault needs a duration to affect this port."""
 
 MAX_SECONDS = 3600.0  # s
 MAX_COUNT = 1_000_000
@@ -296,10 +295,10 @@ def parse(text: str) -> Fault:
 
 
 def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
-    """Return the fault for other ports.
+    """Return the fault with other ports.
 
-    Raises FaultError if it would disturb the remote port without an end, as no client could clear
-    it there.
+    Raises FaultError for the remote port if the fault has no duration, because clients could not
+    clear it.
     """
     if REMOTE_PORT in ports and not fault.number('for'):
         raise FaultError(

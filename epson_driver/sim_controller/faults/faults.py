@@ -65,7 +65,7 @@ class Transport(Protocol):
     def changed(self, release: bool) -> None:
         """Apply a change of the active faults.
 
-        `release` sends messages that none delays any longer.
+        `release`: send delayed messages now if no fault affects this connection any longer.
         """
 
     def cut(self) -> None:
@@ -73,7 +73,7 @@ class Transport(Protocol):
 
 
 class ActiveFault:
-    """A fault from the request to its end. `in_effect`: the fault has taken effect."""
+    """A fault from its request to its end. `in_effect`: whether it has started."""
 
     def __init__(self, fault: Fault, number: int, seed: str) -> None:
         self.fault = fault
@@ -153,8 +153,8 @@ class Faults:
     def start(self, fault: Fault) -> None:
         """Start a fault, now or after its `after`, s.
 
-        Raises FaultError if the joint does not exist, if too many faults are active, or if the
-        fault would disturb the remote port without an end.
+        Raises FaultError if the joint does not exist, if too many faults are active, or if a fault
+        of the remote port has no duration.
         """
         if self._remote_only and REMOTE_PORT in fault.kind.ports:
             fault = on_ports(fault, (REMOTE_PORT,))
@@ -180,10 +180,10 @@ class Faults:
             self._take_effect(active)
 
     def clear(self, name: str | None = None) -> int:
-        """End all faults, or those of one name, and send delayed messages. Return their number.
+        """End all faults, or those named `name`, and send delayed messages.
 
-        A reboot cannot be ended. Raises FaultError if the named fault is unknown, inactive or
-        cannot be ended.
+        Return the number of ended faults. A reboot cannot be ended. Raises FaultError if the named
+        fault is unknown, inactive or cannot be ended.
         """
         if name is not None and name not in FAULTS:
             raise FaultError(f'{name!r} is not a fault: must be one of {", ".join(FAULTS)}')
@@ -246,7 +246,7 @@ class Faults:
         return [item for item in self._in_effect(port) if item.fault.name in DISTURBANCES]
 
     def on_triggered(self, active: ActiveFault) -> None:
-        """End a fault that has affected a message if this was the last message of its count."""
+        """End a fault that has affected a message, if it is used up."""
         if active.used_up:
             self._end(active)
 

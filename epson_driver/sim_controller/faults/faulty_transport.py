@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Delayed:
-    """Bytes to send at the time `due`, s. `gathered`: they are sent together with others."""
+    """Bytes to send at time `due`, s. `gathered`: whether to join them with others due then."""
 
     due: float
     data: bytes
@@ -92,7 +92,7 @@ class FaultyTransport:
     def changed(self, release: bool = False) -> None:
         """Apply a change of the active faults.
 
-        `release` sends messages that none delays any longer.
+        `release`: send delayed messages now if no fault affects this connection any longer.
         """
         if self._closed:
             return

@@ -99,7 +99,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def set_input(self, io_type: int, index: int, value: int) -> None:
-        """Set an input or a group of inputs, like the wiring does. Raises IoError like `write`."""
+        """Set an input or a group of inputs, as wiring would. Raises IoError if it is invalid."""
         kind, known = self._checked(io_type, index)
         if kind.bits not in _INPUTS and known not in _INPUTS:
             raise IoError(
@@ -145,7 +145,7 @@ class IoPoints:
         self._set_port(io_type, port, width, value)
 
     def set_input_port(self, port: int, width: int, value: int) -> None:
-        """Set the points of a port of inputs, like the wiring does. Raises IoError likewise."""
+        """Set the points of a port of inputs. Raises IoError if the port or value is invalid."""
         self._set_port(IoType.DIGITAL_INPUT, port, width, value)
 
     # Ranges of points.

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Advances the simulated controller, which has no clock, in real time."""
+"""Advances the simulated controller by the elapsed real time."""
 
 import asyncio
 import math
@@ -58,7 +58,7 @@ class Pacer:
             self._failed, self._sleeps_until = None, -math.inf
 
     def on_task_done(self, task: 'asyncio.Task[None]') -> None:
-        """Raise the exception of a client's ended task in `run`, because it is a defect."""
+        """If a client's task has failed, raise its exception in `run`, because it is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self._fail(error)
 

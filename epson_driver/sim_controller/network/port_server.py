@@ -82,7 +82,7 @@ class CpuBudget:
 
 
 class SpareDescriptor:
-    """A reserved file descriptor. At first none is reserved."""
+    """A file descriptor that is reserved for use when no other is available."""
 
     def __init__(self) -> None:
         self._descriptor: int | None = None
@@ -106,14 +106,13 @@ class SpareDescriptor:
 class PortRules(NamedTuple):
     """The rules of one port.
 
-    max_clients: maximum number of clients. Further ones wait HANDOVER_S and are then refused. At
-    most MAX_WAITING_CLIENTS wait. None: every client is accepted, if necessary in place of another
-    one, even without a free file descriptor. max_unsent: maximum number of unsent bytes, beyond
-    which a client is disconnected. send_buffer: size of the system's additional buffer, bytes
-    (None: its default). half_closed: a client that has shut down its own side is still sent data
-    for HALF_CLOSED_S. chunk: maximum number of bytes per read. cpu_fraction: fraction of the
-    processor time that all clients together may use in the long run (None: unlimited). replace: a
-    new client replaces the oldest one on a full port.
+    max_clients: maximum number of clients (None: a full port evicts a client to admit another).
+    Further clients wait HANDOVER_S, at most MAX_WAITING_CLIENTS at a time, and are then refused.
+    max_unsent: number of unsent bytes beyond which a client is disconnected. send_buffer: size of
+    the system's additional buffer, bytes (None: its default). half_closed: a client that has shut
+    down its own side is still sent data for HALF_CLOSED_S. chunk: maximum number of bytes per
+    read. cpu_fraction: fraction of the processor time that all clients together may use in the
+    long run (None: unlimited). replace: a new client replaces the oldest one on a full port.
     """
 
     name: str

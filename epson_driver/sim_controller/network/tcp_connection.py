@@ -22,7 +22,7 @@ class TcpConnection:
     """The connection with one client.
 
     A client that does not read is disconnected when more than `max_unsent` bytes are queued. This
-    bounds the memory, and prevents that clients receive stale data.
+    bounds the memory, and prevents clients from receiving stale data.
     """
 
     def __init__(

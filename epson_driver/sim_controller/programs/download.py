@@ -27,7 +27,7 @@ LAST = SpecialSequence.END_TRAJECTORY
 
 
 class _Phase(Enum):
-    """The phase of a download, with the treatment of points with a sequence of 0 or more."""
+    """The phase of a download. The value describes how its points are treated."""
 
     NONE = 'no download is active'
     COLLECTING = 'they are kept'

@@ -70,7 +70,7 @@ REPLIES: dict[str, Callable[[int], Message]] = {
     'sequence': JointPosition,
     'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
 }
-"""The profile's `reply` → function that returns the reply to a point with a sequence."""
+"""The profile's `reply` → function that returns the reply to the point with a sequence."""
 
 
 STOP = SpecialSequence.STOP_TRAJECTORY
@@ -90,7 +90,7 @@ def _name(point: JointTrajPt) -> str:
 class MotionProgram:
     """The program of a controller whose clients send JOINT_TRAJ_PT.
 
-    At most `motion.pending_limit` points of the profile wait, or the points of one download.
+    At most the profile's `motion.pending_limit` points wait, or the points of one download.
     """
 
     ready = True
@@ -180,7 +180,7 @@ class MotionProgram:
             self._silence_rejection = None
 
     def client_silent(self, seconds: float) -> None:
-        """Stop because the client has been silent for `seconds`, unless there are no points."""
+        """Stop an arm with pending points because the client was silent for `seconds`."""
         if not (self._arm.moving or len(self._queue) or len(self._download)):
             return
         self._send(failure(MessageType.PING))

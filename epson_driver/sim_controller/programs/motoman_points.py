@@ -50,7 +50,7 @@ class InvalidReason(NamedTuple):
 
 
 def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
-    """Return the error in a point, regardless of other points, or None.
+    """Return why a point is invalid regardless of other points, or None.
 
     The numbers of joints that the robot does not have must be finite too.
     """
@@ -82,7 +82,7 @@ def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
 def invalid_start(
     point: JointTrajPtFull, position: Array, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return the error in point 0 of an arm at rest at `position`, shape (n,), rad, or None."""
+    """Return why point 0 is invalid for an arm at rest at `position`, shape (n,), rad, or None."""
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
     if off[joint] > START_TOLERANCE:
@@ -98,7 +98,7 @@ def invalid_start(
 def invalid_next(
     point: JointTrajPtFull, before: float, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return the error in a later point, or None. `before`: time of the previous point, s."""
+    """Return why a later point is invalid, or None. `before`: time of the previous point, s."""
     if point.time <= before:
         sentence = (
             f'time = {point.time:g} s: must be later than {before:g} s of the previous point'

@@ -72,7 +72,7 @@ from epson_driver.simple_message.motoman import Command, Invalid, Result
 def success(packet: Packet) -> MotionReply:
     """Return a reply with SUCCESS and the group, sequence and command of a message.
 
-    The command is the message type if the message has none. Group and sequence are -1 if missing.
+    Without a command, the message type is used. A missing group or sequence is -1.
     """
     message = packet.message
     if isinstance(message, MotionCtrl):
@@ -88,7 +88,7 @@ def unreadable(msg_type: int) -> MotionReply:
 
 
 def too_short(frame: Frame) -> MotionReply:
-    """Return a reply with SUCCESS, like `success`, with 0 for fields that the body lacks."""
+    """Return the SUCCESS reply to a frame whose body is too short. Missing fields are 0."""
     if frame.msg_type not in (MessageType.MOTION_CTRL, MessageType.JOINT_TRAJ_PT_FULL):
         return unreadable(frame.msg_type)
     order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
@@ -102,7 +102,7 @@ def too_short(frame: Frame) -> MotionReply:
 
 
 def outcome(reply: MotionReply, result: Result, subcode: int = 0) -> MotionReply:
-    """Return a reply with another result."""
+    """Return a copy of a reply with another result and subcode."""
     return MotionReply(reply.robot_id, reply.sequence, reply.command, result, subcode)
 
 
@@ -125,7 +125,7 @@ _Command = Callable[[MotionReply], MotionReply | None]
 class MotomanProgram:
     """The program of a Motoman controller.
 
-    At most `motion.pending_limit` points of the profile wait for the arm. Further ones get BUSY.
+    At most the profile's `motion.pending_limit` points wait for the arm. Further ones get BUSY.
     """
 
     def __init__(self, controller: Controller) -> None:

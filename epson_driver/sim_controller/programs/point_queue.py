@@ -37,13 +37,14 @@ MAX_DURATION_S = 86_400.0
 
 
 POINT_REALS = 12
-"""Number of 32-bit words in a JOINT_TRAJ_PT besides the sequence."""
+"""Number of reals in a JOINT_TRAJ_PT: ten joints, velocity and duration."""
 
 
 def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
-    """Return a frame as the program reads it, or None if the program cannot read it.
+    """Return a frame as the program interprets it, or None if it is too short for a point.
 
-    accepts: the profile's `program.accepts`. size: size of the body of a JOINT_TRAJ_PT, bytes.
+    accepts: the profile's `program.accepts`: 'any' interprets every frame as a point, 'longer'
+    drops surplus bytes of a point. size: size of the body of a JOINT_TRAJ_PT, bytes.
     """
     minimum = size - size // POINT_REALS * 2  # velocity and duration may be missing
     if accepts == 'any':
@@ -98,7 +99,7 @@ def target_of(point: JointTrajPt, limits: JointLimits) -> Array:
 
 
 def sequence_of(frame: Frame) -> int:
-    """Return the sequence in a JOINT_TRAJ_PT with an invalid header, or 0 without a valid body."""
+    """Return the sequence of a JOINT_TRAJ_PT whose header is invalid, or 0 if its body is too."""
     try:
         request = Frame(frame.msg_type, CommType.SERVICE_REQUEST, 0, frame.body, frame.byte_order)
         message = decode(request).message
@@ -184,7 +185,7 @@ class PointQueue:
         self._waiting.clear()
 
     def detach(self) -> None:
-        """Discard the replies, and the points that wait for a reply."""
+        """Discard all pending replies, and the waiting points that need one."""
         if self._current is not None:
             self._current = replace(self._current, reply_to=None)
         self._waiting = deque(entry for entry in self._waiting if entry.reply_to is None)

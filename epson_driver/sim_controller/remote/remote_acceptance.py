@@ -16,7 +16,7 @@ from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
 
 
 class CommandError(Exception):
-    """A command is answered with an error number. The message gives the reason."""
+    """A command that is answered with the error `number`. The message gives the reason."""
 
     def __init__(self, number: RemoteErrorNumber, sentence: str) -> None:
         super().__init__(sentence)
@@ -24,7 +24,7 @@ class CommandError(Exception):
 
 
 class Requirement(NamedTuple):
-    """A condition for a command. `sentence` returns the reason for a refusal."""
+    """A condition for accepting a command. `sentence` returns the reason for a refusal."""
 
     text: str
     is_met: Predicate
@@ -101,7 +101,7 @@ _MAX_CHARACTERS = 20
 
 
 def expect(parameters: Sequence[str], minimum: int, maximum: int | None = None) -> None:
-    """Raise CommandError (format) unless there are `minimum` to `maximum` parameters."""
+    """Raise CommandError (FORMAT) if there are not `minimum` to `maximum` parameters."""
     maximum = minimum if maximum is None else maximum
     if not minimum <= len(parameters) <= maximum:
         count = str(minimum) if minimum == maximum else f'{minimum} to {maximum}'
@@ -115,7 +115,7 @@ def parameter_error(name: str, value: object, rule: str) -> CommandError:
 
 
 def whole(name: str, text: str, low: int, high: int) -> int:
-    """Return a whole decimal number from `low` to `high`. Raises CommandError (parameter)."""
+    """Parse a whole number. Raises CommandError (PARAMETER) if it is not in `low` to `high`."""
     digits = text.removeprefix('-')
     if digits.isascii() and digits.isdecimal() and len(text) <= _MAX_CHARACTERS:
         value = int(text)
@@ -125,7 +125,7 @@ def whole(name: str, text: str, low: int, high: int) -> int:
 
 
 def hexadecimal(name: str, text: str, high: int) -> int:
-    """Return a hexadecimal number from 0 to `high`. Raises CommandError (parameter)."""
+    """Parse a hexadecimal number. Raises CommandError (PARAMETER) if it is not in 0 to `high`."""
     if text and len(text) <= _MAX_CHARACTERS and not set(text.lower()) - set('0123456789abcdef'):
         value = int(text, 16)
         if value <= high:
@@ -134,7 +134,7 @@ def hexadecimal(name: str, text: str, high: int) -> int:
 
 
 def real(name: str, text: str, low: float, high: float) -> float:
-    """Return a number from `low` to `high`. Raises CommandError (parameter)."""
+    """Parse a real number. Raises CommandError (PARAMETER) if it is not in `low` to `high`."""
     try:
         value = float(text) if len(text) <= _MAX_CHARACTERS and '_' not in text else math.nan
     except ValueError:
@@ -145,7 +145,7 @@ def real(name: str, text: str, low: float, high: float) -> float:
 
 
 def switch(name: str, text: str) -> bool:
-    """Return True for 1, False for 0. Raises CommandError (parameter) for any other text."""
+    """Return True for 1, False for 0. Raises CommandError (PARAMETER) if it is another text."""
     if text not in ('0', '1'):
         raise parameter_error(name, text, 'must be 0 or 1')
     return text == '1'

@@ -79,7 +79,7 @@ class Command:
     Surplus parameters are ignored, because clients in production send `$GetStatus,0`.
     `run` executes the command and returns its value, if any. If the command has an `event`, `run`
     only checks the parameters, and then the event is applied. With `whole`, all text after the
-    first comma is one parameter. `always`: the command is accepted even during a statement.
+    first comma is one parameter. `always`: the command is accepted even during `$Execute`.
     """
 
     usage: str

@@ -61,7 +61,7 @@ class RemoteSession:
 
     @property
     def last_command_time(self) -> float:
-        """Time of the last command or, without any, of the connection, s."""
+        """Time of the last command, s, or of the connection if no command was received."""
         return self._last_command_time
 
     def receive(self, data: bytes) -> None:

@@ -118,7 +118,7 @@ def _io(controller: Controller, parameters: list[str]) -> str | None:
 
 
 def _points(controller: Controller, name: str) -> str:
-    """Return the number of points, and the indices of those that are on, or analogue values."""
+    """Return `name=count:` and the indices of points that are on, or all analogue values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
     for result in controller.io.ranges():

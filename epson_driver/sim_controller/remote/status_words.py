@@ -27,8 +27,8 @@ Predicate = Callable[[Controller], bool]
 def running(controller: Controller) -> bool:
     """Return whether the controller is Running and not paused.
 
-    It is if the arm moves, has points or returns after an open door, or if a SPEL+ task other than
-    a background task runs.
+    Running means that the arm moves, has points or returns after an open door, or that a SPEL+
+    task other than a background task runs.
     """
     condition = controller.condition
     moves = controller.moving or condition.tasks is Tasks.RECOVERING
@@ -43,7 +43,7 @@ def ready(controller: Controller) -> bool:
 def error(controller: Controller) -> bool:
     """Return whether the controller has an error or shows an error number.
 
-    Its number for stopped tasks does not count, because they can be started again.
+    TASK_ABORTED of stopped tasks does not count, because they can be started again.
     """
     number = controller.error_number
     if controller.condition.tasks is Tasks.STOPPED and number == ErrorNumber.TASK_ABORTED:

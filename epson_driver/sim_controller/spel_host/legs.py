@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 _MM = 1000.0
 SHORTEST_PATH = 1e-6
-"""Shortest translation, m, or rotation, rad, of a path. Smaller ones count as none."""
+"""Shortest translation, m, or rotation, rad, of a path. A smaller one counts as 0."""
 
 JERK_PER_ACCELERATION = 10.0
 """Ratio of jerk to acceleration of the tool, 1/s, which makes an acceleration ramp take 0.1 s."""
@@ -53,7 +53,7 @@ class JointLeg:
 
     @property
     def point(self) -> Point:
-        """The end of this leg as a point for the arm, with a stop."""
+        """The end of this leg, as a point at which the arm stops."""
         return rest_at(self.end)
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
@@ -112,7 +112,7 @@ class StraightLeg:
 
     @property
     def point(self) -> Point:
-        """The end of this leg as a point for the arm, with a stop."""
+        """The end of this leg, as a point at which the arm stops."""
         return replace(rest_at(self.end), path=self.from_rest)
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
@@ -133,7 +133,7 @@ class StraightLeg:
         return go_along(_limits(self._robot, low_power), curve, speed)
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return the motion like `motion`, or slow and in joint space if no line is possible."""
+        """Return `motion(…)`, or a slow motion in joint space if no straight line is possible."""
         try:
             return self.motion(start, low_power)
         except (SpelError, ValueError) as error:
@@ -151,7 +151,7 @@ def jump_points(
     """Return the points of a jump up, across and down, with stops between them or as one arch.
 
     heights: heights of the moves up and down, m. The corners are rounded if both heights exceed
-    those of the arch (p477).
+    those of the arch (SPEL+ manual p477).
     """
     arch = [request.numbers.get(item, math.inf) / _MM for item in ('depart', 'approach')]
     points = [leg.point for leg in legs]
@@ -171,7 +171,7 @@ def jump_points(
 
 
 def rest_at(joints: Array) -> Point:
-    """Return a point for the arm with a stop at joint angles, shape (n,), rad."""
+    """Return a point at which the arm stops, from joint angles, shape (n,), rad."""
     return Point(0, joints, 0.0, 0.0)
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint angles along a line or an arc of the tool, which the arm follows exactly.
 
-The N series turns its joints as far as necessary (SING_VSD, p158). Other six-axis arms leave the
-path near a singularity of the wrist or the hand (SING_THRU, p157), in a way that the manual does
-not specify. Here such a path is refused.
+The N series turns its joints as far as necessary (SING_VSD, SPEL+ manual p158). Other six-axis
+arms leave the path near a singularity of the wrist or the hand (SING_THRU, p157), in a way that
+the manual does not specify. Here such a path is refused.
 """
 
 import math
@@ -32,7 +32,7 @@ NEAR_WRIST_RAD, NEAR_HAND_M = math.radians(10.0), 0.03
 
 
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, avoids: bool) -> Array:
-    """Return joint angles, shape (k, n), at even fractions of a path. The first row is `start`.
+    """Return joint angles, shape (k, n), rad, at evenly spaced fractions of a path from `start`.
 
     `avoids`: whether a real arm leaves the path near a singularity. Raises ValueError if no
     solution exists, KinematicsError if the robot has no inverse kinematics.

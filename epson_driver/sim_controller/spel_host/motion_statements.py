@@ -32,9 +32,9 @@ ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
 
 
 def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the consecutive points of a statement. Raises SpelError."""
+    """Return the points of a motion statement in order. Raises SpelError if it is impossible."""
     first, *others = MOVES[request.name](robot, request)
-    # After Pass, a motion other than Pass starts from rest (p604).
+    # After Pass, a motion other than Pass starts from rest (SPEL+ manual p604).
     if robot.motion.passes and request.name != 'pass' and first.path is None:
         first = replace(first, path=JointLeg(robot, robot.motion.start, first.target).from_rest)
     return [first, *others]
@@ -46,7 +46,7 @@ def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint]:
-    """Return the points of a statement, converted by its LJM parameter, if any (p479)."""
+    """Return a statement's points, converted by its LJM parameter, if any (SPEL+ manual p479)."""
     near, result = robot.motion.start, list(request.points)
     if (number := request.numbers.get('ljm')) is not None:
         for index, point in enumerate(result):
@@ -93,7 +93,7 @@ def _line(
         for item in request.points if through else request.points[-1:]:
             if robot.points.other_hand(item, start):
                 text = f'{item} has another hand (/R or /L) than the arm: Go there, or change it'
-                raise bad(name, text)  # p106
+                raise bad(name, text)  # SPEL+ manual p106
         via = _arc_midpoint(robot, request, start)
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
@@ -113,9 +113,9 @@ def _line(
 
 
 def _arc_midpoint(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
-    """Return the intermediate point of an arc, from its point, angle, radius or centre (p104-109).
+    """Return an intermediate point of an arc, given as a point, angle, radius or centre.
 
-    Raises SpelError.
+    Raises SpelError if no such arc exists (SPEL+ manual p104-109).
     """
     numbers, name = request.numbers, request.name.capitalize()
     if not numbers.keys() & {'angle', 'path'}:
@@ -167,7 +167,7 @@ def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
 
 
 def _with_posture(robot: RobotContext, place: SpelPoint) -> SpelPoint:
-    """Return a Cartesian point with the current posture (p163), or with six axes, the nearest."""
+    """Return a point with the current (SCARA, SPEL+ manual p163) or the nearest posture."""
     return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
 
@@ -180,7 +180,7 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 
 
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the points of Jump3: up and down on lines of the tool (p476)."""
+    """Return the points of Jump3: up and down on lines of the tool (SPEL+ manual p476)."""
     depart, approach, target = _least_motion(robot, request)
     rise = _line(robot, request, depart, robot.motion.start)
     span: StraightLeg | JointLeg
@@ -193,7 +193,7 @@ def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the points of JumpTLZ: along the tool's Z axis, across, and along Z (p481)."""
+    """Return the points of JumpTLZ: along the tool's Z, across, along Z (SPEL+ manual p481)."""
     model = robot.controller.model
     if robot_type(model) != N_SERIES:
         raise bad('JumpTLZ', f'{model.name} is not of the N series: use Jump3')

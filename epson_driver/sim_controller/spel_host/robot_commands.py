@@ -25,7 +25,7 @@ MM = 1000.0
 
 
 class ConditionCompletion:
-    """The completion of a statement that ends when a condition is met."""
+    """Progress of a statement that ends when a condition is met."""
 
     error: SpelError | None = None
 
@@ -46,9 +46,9 @@ class ConditionCompletion:
 def command(
     robot: RobotContext, name: str, arguments: Arguments, words: Words
 ) -> Completion | None:
-    """Execute a statement, by its name in lower case. Return its completion if it takes time.
+    """Execute the statement `name` (lower case). Return its progress if it takes time, or None.
 
-    Raises SpelError.
+    Raises SpelError if an argument is invalid or the controller refuses the statement.
     """
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
@@ -87,7 +87,7 @@ def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
 
 
 def _reset_cp_and_lim_z(robot: RobotContext) -> None:
-    """Set CP and LimZ to their initial values (p549)."""
+    """Set CP and LimZ to their initial values (SPEL+ manual p549)."""
     robot.motion.lim_z, robot.motion.cp = 0.0, False
 
 
@@ -113,7 +113,6 @@ def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:
 
 
 def _start_main(robot: RobotContext, _: Arguments, _words: Words) -> None:
-    """Start the tasks, unless the condition of the controller prevents it."""
     condition = robot.controller.condition
     if condition.estopped or robot.controller.error_number:
         text = 'StartMain: E-stop or error: reset first'

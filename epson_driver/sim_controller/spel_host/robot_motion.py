@@ -19,16 +19,13 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.spel import MotionRequest, SpelError
 
 SHORTEST_S = 1e-6
-"""Minimum delay of the timer for the next event of a motion, s.
-
-A delay that is rounded to 0 would stop the clock.
-"""
+"""Minimum delay of the timer for a motion's next event, s. It keeps the clock advancing."""
 
 
 class Motion:
     """A motion statement. It ends when the arm is at rest or, with CP, decelerates.
 
-    `done`: it has ended. `error`: the reason, if it ended early.
+    `done`: whether it has ended. `error`: the error that ended it early, if any.
     """
 
     def __init__(self, request: MotionRequest, fraction: Callable[[], float]) -> None:
@@ -39,7 +36,7 @@ class Motion:
 
     @property
     def fraction(self) -> float:
-        """Completed fraction of the path, 0 to 1, or -1 in a jump before its move across."""
+        """Completed fraction of the path, 0 to 1. In a jump it is -1 before the move across."""
         return 1.0 if self.done else self._fraction()
 
 
@@ -165,8 +162,8 @@ class RobotMotion:
     def _fraction(self) -> float:
         """Return the completed fraction of the path, by its length in joint space.
 
-        Only the move across of a jump counts, because `!…!` is executed in parallel with this move
-        (p57). Before the move across, return -1.
+        Only the move across of a jump counts, because the statements in `!…!` are executed in
+        parallel with this move (SPEL+ manual p57). Before it, return -1.
         """
         stops, position = self._stops, self._arm.position
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]

@@ -38,14 +38,14 @@ _SIDES = ('hand', 'elbow', 'wrist')
 _UNDETERMINED = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
 """Robot type → point flag and index of a joint whose angle the tool pose may leave undetermined.
 
-The flag specifies the angle (p449, p455).
+The flag specifies the angle (SPEL+ manual p449, p455).
 """
 
 _USUAL = ('j1f0', 'j2f0')
 """Default flags, which are omitted when a point is shown."""
 
 NEAREST = 'ljm'
-"""Flag of a Cartesian point that is reached in any posture, whichever is nearest."""
+"""Flag of a Cartesian point that the arm reaches in the nearest possible posture."""
 
 _SIX = {1: ('=', '=', '', 'J4'), 2: ('=', '=', '=', ''), 3: ('=', '=', '', 'J5')}
 LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
@@ -58,11 +58,10 @@ LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
         7: ('', 'b', '', 'J1 J5'), 8: ('', 'b', '', 'J1 J4'),
     },
 }  # fmt: skip
-"""Robot type → LJM number → posture that LJM selects (p508).
+"""Robot type → LJM number → posture that LJM selects (SPEL+ manual p508).
 
-The posture consists of hand, elbow and wrist. `=` is that of the reference, `!` the opposite one,
-a name the named one, and an empty string any. Of several solutions, the one is selected in which
-the joints at the end of the row move least.
+A row contains hand, elbow and wrist (`=`: like the reference, `!`: the opposite, a flag: this one,
+empty: any), and then the joints that move least in the selected solution.
 """
 
 ASSUMED_PULSES = 10_000.0
@@ -101,7 +100,7 @@ class RobotPoints:
         self.tool = tool
 
     def define(self, tool: int, point: Point | None) -> None:
-        """Define a tool (TLSet), or with None, clear it (TLClr).
+        """Define a tool (TLSet), or clear it if `point` is None (TLClr).
 
         Raises SpelError if the point is not Cartesian.
         """
@@ -116,9 +115,9 @@ class RobotPoints:
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
 
-        A Cartesian point is converted in its posture. The default posture completes missing flags.
-        If several solutions remain, return the nearest one to `near`. Raises SpelError: 4001 out
-        of range, 4007 out of reach.
+        A Cartesian point is converted in the posture of its flags, with defaults for missing ones.
+        If several solutions remain, return the nearest one to `near`. Raises SpelError with number
+        4001 if a joint is out of range, 4007 if the point is out of reach.
         """
         angles = self._angles(point, near)
         rejection = angles_rejection(angles, self._model.limits)
@@ -164,7 +163,8 @@ class RobotPoints:
     def stored(self, point: Point) -> Point:
         """Return a point as stored in P0, P1, …: Cartesian, with its complete posture.
 
-        Joint angles that are converted to such a point lose the turns of joints 4 and 6 (p79).
+        Joint angles that are converted to such a point lose the turns of joints 4 and 6
+        (SPEL+ manual p79).
         """
         if point.kind != 'xy':
             point = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
@@ -201,9 +201,9 @@ class RobotPoints:
         """Return joint angles along the straight path of the tool to a point, and the path.
 
         `start` are the joint angles at the start, shape (n,), rad. The result has shape (k, n),
-        rad, at even fractions of the path. With `via` the path is an arc over this point, and with
-        `level` only X and Y of `via` count. Raises SpelError: 4001 if the point is out of range,
-        4007 if the path leaves the reach or a joint would have to jump.
+        rad, at evenly spaced fractions of the path. With `via` the path is an arc through this
+        point, and with `level` only X and Y of `via` count. Raises SpelError with number 4001 if
+        the point is out of range, 4007 if the path is out of reach or a joint would have to jump.
         """
         here = self._kinematics.forward(start)
         if point.kind == 'xy':
@@ -229,7 +229,7 @@ class RobotPoints:
         free = NEAREST in point.flags
         usual = near.copy()
         if not free and self._model.kind != SCARA:
-            usual[3] = 0.0  # if joints 4 and 6 are in line, only joint 6 turns (p79)
+            usual[3] = 0.0  # if joints 4 and 6 are in line, only joint 6 turns (SPEL+ manual p79)
         for mark, joint in _UNDETERMINED.get(self._type, {}).items():
             flag_of_joint = next((flag for flag in point.flags if flag.startswith(mark)), mark)
             usual[joint] = math.radians(float(flag_of_joint[3:] or 0))
@@ -291,7 +291,7 @@ class RobotPoints:
         return True
 
     def _posture(self, joints: Array) -> Iterator[tuple[str, ...]]:
-        """Yield the posture flags of joint angles, group by group. At a boundary, both apply."""
+        """Yield the flag of joint angles in each posture group, or at a boundary, both flags."""
         try:
             sides = self._kinematics.sides(joints)
         except KinematicsError:
@@ -307,7 +307,7 @@ class RobotPoints:
                 yield usual, other
             else:
                 yield (usual if side > 0.0 else other,)
-        for joint, middle, maximum in turns:  # p451 to p459
+        for joint, middle, maximum in turns:  # SPEL+ manual p451 to p459
             yield (f'j{joint}f{min(_half_turns(float(joints[joint - 1]) - middle), maximum)}',)
 
     def _solutions(self, point: Point, pose: Array, near: Array) -> Array:
@@ -327,7 +327,7 @@ def without_rounding(values: Array) -> list[float]:
 
 
 def _half_turns(angle: float) -> int:
-    """Return the value of J4Flag or J6Flag for a joint angle, rad (p459)."""
+    """Return the value of J4Flag or J6Flag for a joint angle, rad (SPEL+ manual p459)."""
     turns = abs(angle) / np.pi
     whole = round(turns)
     if abs(turns - whole) * np.pi < STRAIGHT_RAD:

@@ -43,7 +43,7 @@ class RobotContext(NamedTuple):
         return self.controller.servo.position
 
     def joint(self, name: str, number: int | float | Point) -> int:
-        """Return the index of a joint. Raises SpelError if the number is invalid."""
+        """Return the index (from 0) of joint `number`. Raises SpelError if it is invalid."""
         count = len(self.controller.model.joint_names)
         if isinstance(number, Point) or not 1 <= number <= count:
             raise bad(name, f'joint {number} is not in 1..{count}')
@@ -51,7 +51,7 @@ class RobotContext(NamedTuple):
 
 
 def value(robot: RobotContext, name: str, arguments: Arguments) -> Result:
-    """Return the value of a function, by its name in lower case. Raises SpelError."""
+    """Return the value of the function `name` (lower case). Raises SpelError if it has none."""
     return VALUES[name](robot, arguments)
 
 
@@ -178,7 +178,7 @@ def _time(robot: RobotContext, arguments: Arguments) -> float:
 
 
 def _where(robot: RobotContext, arguments: Arguments) -> str:
-    """Return the output of Where for a position (p890). Clients depend on its columns."""
+    """Return the output of Where (SPEL+ manual p890). Clients depend on its columns."""
     values = _point(arguments[0]).values
     world = zip('XYZUVW', values, ('mm',) * 3 + ('deg',) * 3, strict=True)
     pulses = robot.points.pulses_per_unit * robot.here

@@ -107,7 +107,7 @@ _IO = {
 
 
 class SpelHost:
-    """The host of a program's interpreter.
+    """Connects the interpreter of a SPEL+ program with the controller.
 
     `news` is called when a task may continue, and `failed` with the error that ended a task.
     `pauses` is called for the program's Pause (True) or Cont (False), and `moves` when a task has
@@ -146,7 +146,7 @@ class SpelHost:
             raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set a bit or a port. Inputs are set like with virtual I/O. Raises SpelError."""
+        """Set a bit or a port, including inputs. Raises SpelError if index or value is invalid."""
         io = self._controller.io
         try:
             if memory is Memory.INPUT:
@@ -159,15 +159,15 @@ class SpelHost:
     # The robot
 
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
-        """Return the value of a controller or robot function. Raises SpelError."""
+        """Return the value of a controller or robot function. Raises SpelError if it has none."""
         return value(self._robot, name, arguments)
 
     def command(
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
     ) -> Completion | None:
-        """Execute a statement for the robot. Return its completion if it takes time.
+        """Execute a statement for the robot. Return its progress if it takes time, or None.
 
-        Raises SpelError.
+        Raises SpelError if an argument is invalid or the controller refuses the statement.
         """
         if name in MOVING:
             named = zip(('joint', 'step'), arguments, strict=False)
@@ -219,5 +219,5 @@ class SpelHost:
         self._failed(error)
 
     def paused(self, on: bool) -> None:
-        """Report that a program requested Pause or Cont."""
+        """Report that the program requested Pause (`on`) or Cont."""
         self._pauses(on)

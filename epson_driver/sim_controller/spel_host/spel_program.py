@@ -60,7 +60,7 @@ _TRAP_EVENTS = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_R
 """State of the paused tasks → name of the Trap event."""
 
 MOTION_ERRORS = range(4000, 6000)
-"""Error numbers for which Trap Error gets the robot number 1 (p856)."""
+"""Error numbers for which `Trap Error` gets the robot number 1 (SPEL+ manual p856)."""
 
 ROUNDING_S = 1e-9
 """Maximum rounding error when the clock's time is converted to the time of the tasks, s."""
@@ -75,8 +75,8 @@ def _nothing() -> None:
 class SpelProgram:
     """A SPEL+ program, which moves the arm and serves the ports that it opens.
 
-    main is started at boot and by an operator, BgMain at boot. An operator's start clears the
-    global variables unless the program has a BgMain, which may share them.
+    The function main is started at boot and by an operator, BgMain at boot. An operator's start
+    clears the global variables unless the program has a BgMain, which may share them.
 
     Without a `terminal` the output is logged. `acquire_arm` is called before a motion. It acquires
     the arm, or raises SpelError. `starts`: the function that is started instead of main. BgMain is
@@ -150,7 +150,7 @@ class SpelProgram:
         self._timer = self._controller.clock.after(0.0, self._run)
 
     def _run(self) -> None:
-        """Run the tasks until now, and then their effects on the controller."""
+        """Run the tasks until now, and then the controller actions that they caused."""
         self._timer = None
         now = self._pass_time()
         self._start_main()
@@ -168,7 +168,7 @@ class SpelProgram:
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
 
     def _now(self) -> float:
-        """Return the time of the tasks, s, rounded up to an event that is due."""
+        """Return the tasks' time, s, rounded up to their next event if it is within ROUNDING_S."""
         now = self._controller.clock.now - self._start_time
         due = self._machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
@@ -183,7 +183,7 @@ class SpelProgram:
         return now
 
     def _after_tasks(self, action: Callable[[], None]) -> None:
-        """Call `action` now, or after the tasks' turn if a task is running."""
+        """Call `action` now, or if the tasks are running, after this run."""
         if self._running:
             self._later.append(action)
         else:
@@ -317,7 +317,7 @@ class SpelProgram:
         self._motion.update()
 
     def abort(self) -> None:
-        """Brake after the motors have been switched off. The moving task gets error 2999."""
+        """Brake after the motors went off. The task that moves the arm gets error 2999."""
         self._motion.abort(_aborted('the motors went off'))
         self._soon()
 
