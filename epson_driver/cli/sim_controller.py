@@ -17,17 +17,22 @@ from pathlib import Path
 import numpy as np
 
 from epson_driver.cli.arguments import (
+    DEFAULT_MODEL,
     FREE_PORT,
     PORT,
-    add_controller,
-    add_robot,
     argument,
-    define,
     help_texts,
     host,
     if_in_use,
     parsed,
     with_start_joined,
+)
+from epson_driver.cli.spel_options import (
+    DEFAULT_CONTROLLER,
+    add_program_options,
+    environment_of,
+    program_of,
+    settings_of,
 )
 from epson_driver.first_run.book import likeness, load
 from epson_driver.inputs import InputError, count, number, shown
@@ -52,7 +57,7 @@ from epson_driver.sim_controller.condition.errors import angles_rejection, clipp
 from epson_driver.sim_controller.faults.fault_kinds import Fault, parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.simple_message import ByteOrder, Dialect
-from epson_driver.spel import Program, build, read_project, with_defines
+from epson_driver.spel import Program, Settings, read_project
 
 _PORTS = Ports()
 
@@ -67,17 +72,21 @@ def main() -> int:
     """Run until SIGINT or SIGTERM, and return 0. Returns 1 if a port or the planner fails."""
     parser = _parser()
     args = parsed(parser, with_start_joined(sys.argv[1:]))
+    folder = args.program
+    if folder is not None and not folder.is_dir():
+        folder = folder.parent
     try:
+        settings = settings_of(args, folder)
         if args.profile_from is not None:
             first_run = likeness(load(args.profile_from))
             args.robot, args.motion = first_run.robot, args.motion or first_run.motion
             args.fault = [*first_run.faults, *args.fault]
             profile = first_run.profile
         else:
-            profile = load_controller_profile(args.controller)
-        model = load_robot_model(args.robot)
+            profile = load_controller_profile(settings.controller or DEFAULT_CONTROLLER)
+        model = load_robot_model(args.robot or settings.robot or DEFAULT_MODEL)
         start = None if args.start is None else _start(args.start, model.limits)
-        program = _program(args, profile, model)
+        program = _program(args, profile, model, settings, folder)
     except (OSError, InputError, _StartError) as error:
         parser.error(str(error))
     if program is not None and (unsuitable := _not_for_programs(args)) is not None:
@@ -91,7 +100,10 @@ def main() -> int:
         profile = dataclasses.replace(profile, motion=motion)
     smooth = program is None and args.motion != 'ptp'
     planner = PlannerProcess(model.limits) if smooth else None
-    spel = None if program is None else SpelSource(program, program_network(profile))
+    spel = None
+    if program is not None:
+        around = environment_of(settings, folder)
+        spel = SpelSource(program, program_network(profile), environment=around)
     try:
         controller = new_controller(
             model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed, spel
@@ -112,7 +124,11 @@ def main() -> int:
 
 
 def _program(
-    args: argparse.Namespace, profile: ControllerProfile, model: RobotModel
+    args: argparse.Namespace,
+    profile: ControllerProfile,
+    model: RobotModel,
+    settings: Settings,
+    folder: Path | None,
 ) -> Program | None:
     """Return the SPEL+ program to run, or None for a built-in program.
 
@@ -122,11 +138,11 @@ def _program(
         files = read_project(args.program)
     elif profile.spel.project:
         files = profile_project(profile.spel, model)
-    elif args.define:
-        raise InputError('--define: needs a SPEL+ program')
+    elif args.define or args.set:
+        raise InputError(f'{"--define" if args.define else "--set"}: needs a SPEL+ program')
     else:
         return None
-    return build(with_defines(files, dict(args.define)))
+    return program_of(args, files, settings, folder or Path())
 
 
 def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
@@ -253,8 +269,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, default in _PORTS._asdict().items():
         text = f"{name} port (0: any free port, default: the profile's, {default} for simulated)"
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
-    add_robot(parser)
-    add_controller(parser)
+    add_program_options(parser)
     parser.add_argument(
         '--profile-from',
         type=Path,
@@ -274,14 +289,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar='FILE',
         help='SPEL+ program to run: project folder, its .sprj or a .prg file '
         "(default: the profile's, or the built-in program)",
-    )
-    parser.add_argument(
-        '--define',
-        type=define,
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='new value for a #define line of the SPEL+ project, empty to disable it (repeatable)',
     )
     parser.add_argument(
         '--program-port',

@@ -3,7 +3,6 @@
 """`epson_driver spel COMMAND`: SPEL+ programs without a robot and without RC+."""
 
 import argparse
-import re
 import sys
 from collections.abc import Iterator
 from ipaddress import IPv4Address
@@ -11,18 +10,16 @@ from pathlib import Path
 
 from epson_driver.cli.arguments import (
     FREE_PORT,
-    add_controller,
-    add_robot,
     argument,
-    define,
     help_texts,
     parsed,
 )
 from epson_driver.cli.problem_formats import FORMATS, FOUND, placed
 from epson_driver.cli.spel_editing import add_editing
-from epson_driver.inputs import InputError, Rule, count, number, shown
+from epson_driver.cli.spel_options import add_program_options, add_set
+from epson_driver.inputs import InputError, Rule, count, number
 from epson_driver.processes.interrupt import INTERRUPTED
-from epson_driver.spel import NetSettings, Problem, ProgramError, read_project
+from epson_driver.spel import Problem, ProgramError, read_project, read_settings
 from epson_driver.spel.commands import CONTROLLERS, VERSIONS
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import PROJECT, decoded
@@ -54,42 +51,6 @@ def main() -> int:
     return run
 
 
-def _net(text: str) -> tuple[int, NetSettings]:
-    """Return the port number and the settings in a text like 201=192.168.0.1:2000:CRLF.
-
-    Raises ArgumentTypeError for another form.
-    """
-    result = re.fullmatch(
-        r'(2[01][0-9])=([^:=]*):([0-9]{1,5})(?::(CRLF|CR|LF))?', text, re.IGNORECASE
-    )
-    if result is None or not 201 <= int(result[1]) <= 216 or not 1 <= int(result[3]) <= 65_535:
-        message = f'{shown(text)}: must be 201=ADDRESS:PORT[:CR|:LF|:CRLF]'
-        raise argparse.ArgumentTypeError(message)
-    ends = {'CR': '\r', 'LF': '\n'}
-    end = ends.get((result[4] or '').upper(), '\r\n')
-    return int(result[1]), NetSettings(result[2], int(result[3]), end)
-
-
-def _add_environment(parser: argparse.ArgumentParser) -> None:
-    add_robot(parser)
-    add_controller(parser)
-    parser.add_argument(
-        '--stub',
-        type=Path,
-        metavar='FILE',
-        help='results of statements that are not simulated, as YAML: WORD: list of results in '
-        'order (default: none)',
-    )
-    parser.add_argument(
-        '--net',
-        type=_net,
-        action='append',
-        default=[],
-        metavar='201=ADDRESS:PORT',
-        help='TCP/IP port settings of the system configuration in RC+ (repeatable, default: none)',
-    )
-
-
 def _parser() -> argparse.ArgumentParser:
     codes = '0 no problem, 1 problems found, 2 invalid arguments, 130 Ctrl-C'
     parser = argparse.ArgumentParser(
@@ -109,9 +70,8 @@ def _parser() -> argparse.ArgumentParser:
         '--version',
         type=argument(VERSION),
         metavar='|'.join(map(str, VERSIONS)),
-        default=VERSIONS[-1],
         help='RC+ version to check against: 6 (RC620), 7 (RC700, RC90, T, VT) or 8 (RC800) '
-        '(default: %(default)s)',
+        "(default: that of spel.yaml's controller, else 8)",
     )
     checking.add_argument(
         '--format',
@@ -120,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
         help='lines of text, GitHub annotations, SARIF 2.1, or a JSON list (default: %(default)s)',
     )
     checking.add_argument('--strict', action='store_true', help='exit code 1 for warnings too')
+    add_set(checking)
     checking.set_defaults(run=_check)
     text = 'Run the functions named Test… of a program on a simulated controller.'
     examples = ('spel test my_project -k gripper', 'spel test my_project --junit results.xml')
@@ -134,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     testing.add_argument(
         '--junit', type=Path, metavar='FILE', help='JUnit XML file for the results'
     )
-    _add_environment(testing)
+    add_program_options(testing)
     testing.set_defaults(run=_test)
     text = 'Run a program on a simulated controller.'
     examples = ('spel run main.prg', 'spel run my_project --fast --seconds 60')
@@ -143,14 +104,6 @@ def _parser() -> argparse.ArgumentParser:
     running = commands.add_parser('run', help=text, **help_texts(text, examples, ends))
     running.add_argument(
         'program', type=Path, metavar='FILE', help='project folder, its .sprj or a .prg file'
-    )
-    running.add_argument(
-        '--define',
-        type=define,
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='new value for a #define line (repeatable)',
     )
     running.add_argument(
         '--remote-port',
@@ -170,13 +123,7 @@ def _parser() -> argparse.ArgumentParser:
         action='store_true',
         help="run the controller's clock as fast as possible, without network (at most 600 s)",
     )
-    running.add_argument(
-        '--setup',
-        default='',
-        metavar='STATEMENTS',
-        help='settings of the robot manager in RC+: "HomeSet 0, 0, 0, 0; TLSet 1, XY(0,0,50,0)"',
-    )
-    _add_environment(running)
+    add_program_options(running)
     running.set_defaults(run=_run)
     text = 'Write an RC+ project with our controller program.'
     example = 'spel export my_cell --robot c4_a601s --controller rc700a --address 192.168.0.1'
@@ -224,13 +171,16 @@ def _test(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> int:
     problems: list[Problem] = []
+    version = arguments.version
     for folder, files in _projects(arguments.files):
-        problems += placed(check(files, arguments.version), folder)
+        settings = read_settings(folder, arguments.set)
+        version = arguments.version or CONTROLLERS.get(settings.controller or '', VERSIONS[-1])
+        problems += placed(check(files, version, settings), folder)
     errors = sum(not problem.warning for problem in problems)
     print(FORMATS[arguments.format](problems), end='')
     if arguments.format == 'text':
         warnings = len(problems) - errors
-        print(f'{errors} errors, {warnings} warnings (version {arguments.version})')
+        print(f'{errors} errors, {warnings} warnings (version {version})')
     return FOUND if errors or (arguments.strict and problems) else 0
 
 

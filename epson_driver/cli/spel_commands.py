@@ -11,26 +11,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from epson_driver.cli.problem_formats import FOUND, path_from_here, placed
+from epson_driver.cli.arguments import DEFAULT_MODEL
+from epson_driver.cli.problem_formats import FOUND, path_from_here
+from epson_driver.cli.spel_options import (
+    DEFAULT_CONTROLLER,
+    environment_of,
+    program_of,
+    settings_of,
+)
 from epson_driver.inputs import InputError, printable, write_file
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_path
 from epson_driver.sim_controller import spel_run
 from epson_driver.sim_controller.assembly import robot_defines
 from epson_driver.sim_controller.spel_run import Bench, TestResult, covered, run_tests
-from epson_driver.spel import (
-    Program,
-    ProgramEnvironment,
-    ProgramError,
-    build,
-    read_answers,
-    read_project,
-    with_defines,
-    with_setup,
-)
+from epson_driver.spel import Settings, read_project, with_defines
 from epson_driver.spel.commands import CONTROLLERS
 from epson_driver.spel.export import exported
-from epson_driver.spel.files import Files
 from epson_driver.spel.lint import check
 
 FIRST_OUTPUT_BYTE_6 = '0'
@@ -43,25 +40,6 @@ Project = tuple[Path, Mapping[str, str]]
 """The folder of a SPEL+ project, and the texts of its files by name."""
 
 
-def _environment(
-    arguments: argparse.Namespace, folder: Path, keep: bool = False
-) -> ProgramEnvironment:
-    """Return the environment of a program. `keep`: as in `Files`."""
-    answers = read_answers(arguments.stub) if arguments.stub is not None else {}
-    return ProgramEnvironment(answers, dict(arguments.net), Files(folder, keep))
-
-
-def _built(files: Mapping[str, str], folder: Path) -> Program:
-    """Return the program in `files`.
-
-    Raises ProgramError if it has errors, with the paths of its files from the current folder.
-    """
-    try:
-        return build(files)
-    except ProgramError as error:
-        raise ProgramError(placed(error.problems, folder)) from error
-
-
 def run(arguments: argparse.Namespace, project: Project) -> int:
     """Run a program and return the exit code.
 
@@ -69,16 +47,19 @@ def run(arguments: argparse.Namespace, project: Project) -> int:
     """
     logging.basicConfig(level=logging.WARNING, format='%(message)s')
     folder, files = project
-    files = with_defines(files, dict(arguments.define))
-    files = with_setup(files, arguments.setup) if arguments.setup else files
+    settings = settings_of(arguments, folder)
     return spel_run.run(
-        _built(files, folder),
-        Bench(arguments.robot, arguments.controller),
+        program_of(arguments, files, settings, folder),
+        _bench(settings),
         arguments.remote_port,
         fast=arguments.fast,
         seconds=arguments.seconds,
-        environment=_environment(arguments, folder, keep=True),
+        environment=environment_of(settings, folder, keep=True),
     )
+
+
+def _bench(settings: Settings) -> Bench:
+    return Bench(settings.robot or DEFAULT_MODEL, settings.controller or DEFAULT_CONTROLLER)
 
 
 def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
@@ -87,12 +68,12 @@ def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
     Raises ProgramError if a program has errors, InputError or OSError if a file is unusable.
     """
     logging.basicConfig(handlers=[logging.NullHandler()])  # `_report` prints the errors of tests
-    bench = Bench(arguments.robot, arguments.controller)
     pattern = arguments.k.lower()
     results: list[TestResult] = []
     for folder, files in projects:
-        around = _environment(arguments, folder)
-        program = _built(files, folder)
+        settings = settings_of(arguments, folder)
+        program = program_of(arguments, files, settings, folder)
+        around, bench = environment_of(settings, folder), _bench(settings)
         for result in run_tests(program, bench, lambda name: pattern in name.lower(), around):
             results.append(_from_here(result, folder))
             _report(results[-1])

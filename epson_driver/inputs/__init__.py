@@ -49,6 +49,7 @@ __all__ = [
     'shown',
     'write_file',
     'yaml_line',
+    'yaml_value',
 ]
 
 
@@ -60,6 +61,13 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
     from epson_driver.inputs import yaml_file
 
     return yaml_file.read_yaml(path, largest=largest, several=several)
+
+
+def yaml_value(text: str, where: str) -> Any:
+    """Return the value of a YAML text. See `yaml_file.yaml_value`."""
+    from epson_driver.inputs import yaml_file
+
+    return yaml_file.yaml_value(text, where)
 
 
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:

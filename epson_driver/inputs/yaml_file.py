@@ -60,6 +60,15 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
         raise InputError(f'{file}: {wrong}') from None
 
 
+def yaml_value(text: str, where: str) -> Any:
+    """Return the value of a YAML text, like `read_yaml`. Raises InputError with `where`."""
+    try:
+        return _built(text, several=False)
+    except (yaml.YAMLError, _WrongError) as error:
+        why = _sentence(error) if isinstance(error, yaml.YAMLError) else error
+        raise InputError(f'{where} = {shown(text)}: not YAML: {why}') from error
+
+
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
     """Return the line number, from 1, of a nested key in a file already read by `read_yaml`.
 

@@ -16,7 +16,7 @@ from epson_driver.spel.errors import (
     SpelError,
     TaskError,
 )
-from epson_driver.spel.files import ProgramEnvironment, read_answers
+from epson_driver.spel.files import ProgramEnvironment
 from epson_driver.spel.host import (
     Caller,
     Completion,
@@ -29,6 +29,7 @@ from epson_driver.spel.host import (
 from epson_driver.spel.machine import Machine, TaskView
 from epson_driver.spel.project import build, with_defines, with_setup
 from epson_driver.spel.project_data import read_project
+from epson_driver.spel.settings import Settings, read_settings
 from epson_driver.spel.task import TaskState, Timing
 from epson_driver.spel.values import Array, Point, Value
 
@@ -48,6 +49,7 @@ __all__ = [
     'Program',
     'ProgramEnvironment',
     'ProgramError',
+    'Settings',
     'SpelError',
     'TaskError',
     'TaskState',
@@ -57,8 +59,8 @@ __all__ = [
     'Timing',
     'Value',
     'build',
-    'read_answers',
     'read_project',
+    'read_settings',
     'with_defines',
     'with_setup',
 ]

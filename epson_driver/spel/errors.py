@@ -13,6 +13,15 @@ LISTED = 20
 """Maximum number of problems listed in one exception."""
 
 
+SETTINGS_FILE = 'spel.yaml'
+"""Name of the file beside a project with the settings that RC+ stores outside the project."""
+
+
+def to_add(key: str, line: str) -> str:
+    """Return the advice to add a missing setting."""
+    return f'add `{line}` under `{key}:` in {SETTINGS_FILE}'
+
+
 class Position(NamedTuple):
     """A position in the source: file, line and column, both counted from 1."""
 
@@ -113,7 +122,7 @@ TEXTS: dict[int, str] = {
     ErrorNumber.TASK_TYPE: 'this type of task cannot execute the statement',
     ErrorNumber.SYNC: 'SyncLock twice, or SyncUnlock by a task that has not locked',
     ErrorNumber.RESUME: 'EResume without an error',
-    ErrorNumber.NOT_SIMULATED: 'not simulated: a test can give an answer (--stub)',
+    ErrorNumber.NOT_SIMULATED: f'not simulated: a result can be in {SETTINGS_FILE}',
 }
 
 

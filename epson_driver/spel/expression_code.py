@@ -12,7 +12,7 @@ from math import inf
 from typing import NamedTuple
 
 from epson_driver.spel.code import Variable
-from epson_driver.spel.errors import Position, Problem, SyntaxProblem
+from epson_driver.spel.errors import Position, Problem, SyntaxProblem, to_add
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.functions import FUNCTIONS, STUB_RESULTS, FunctionRule, counts
 from epson_driver.spel.library import REAL_DIGITS
@@ -457,7 +457,7 @@ class Expressions:
 
     def note_stub(self, name: str, at: Position) -> None:
         """Add a note that a word of SPEL+ is not simulated."""
-        text = f'{name} is not simulated: running it needs an answer (--stub)'
+        text = f'{name} is not simulated: to run it, {to_add("stubs", f"{name}: RESULT")}'
         self.notes.append(Problem(at, 'not-simulated', text, warning=True))
 
     def _stub(self, name: str, arguments: tuple[Argument, ...], at: Position) -> Code:

@@ -13,10 +13,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
-from epson_driver.inputs import InputError, near_name, printable, read_file, read_yaml, write_file
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.inputs import printable, read_file, write_file
+from epson_driver.spel.errors import ErrorNumber, SpelError, to_add
 from epson_driver.spel.host import NetSettings
-from epson_driver.spel.words import WORDS
 
 MAX_BYTES = 20_000_000
 """Maximum bytes that a program may write in total."""
@@ -180,7 +179,7 @@ class Stubs:
                 turn = self._given.get(key, 0)
                 self._given[key] = turn + 1
                 return answers[min(turn, len(answers) - 1)]
-        text = f'{name} is not simulated: give an answer to it with --stub'
+        text = f'{name} is not simulated: {to_add("stubs", f"{name}: RESULT")}'
         raise SpelError(ErrorNumber.NOT_SIMULATED, text)
 
 
@@ -202,27 +201,3 @@ class ProgramEnvironment:
     def new_stubs(self) -> Stubs:
         """Return the stub answers, with none used yet."""
         return Stubs(self.answers)
-
-
-def read_answers(path: Path) -> dict[str, list[Answer]]:
-    """Return the answers of a file of --stub: `word: answer`, or a list of answers.
-
-    Raises InputError.
-    """
-    result: dict[str, list[Answer]] = {}
-    content = read_yaml(path)
-    if not isinstance(content, dict):
-        raise InputError(f'{path}: must have lines WORD: ANSWERS')
-    for key, value in content.items():
-        word = str(key).split()[0].lower() if str(key).split() else ''
-        if word not in WORDS:
-            near = near_name(word, [item.name for item in WORDS.values()])
-            meant = f': did you mean {near}?' if near else ''
-            raise InputError(f'{path}: {key} is no word of SPEL+{meant}')
-        answers = value if isinstance(value, list) else [value]
-        for answer in answers:
-            values = answer if isinstance(answer, list) else [answer]
-            if not all(item is None or isinstance(item, int | float | str) for item in values):
-                raise InputError(f'{path}: {key}: an answer is a value, or a list of values')
-        result[str(key)] = answers
-    return result

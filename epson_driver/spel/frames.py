@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from epson_driver.spel.errors import ErrorNumber, SpelError, bad
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad, to_add
 from epson_driver.spel.functions import AXES, TURNS
 from epson_driver.spel.values import Point
 
@@ -110,7 +110,9 @@ def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
 def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
     frame = locals_.get(number)
     if frame is None:
-        raise SpelError(ErrorNumber.POINT_UNDEFINED, f'Local {number} is not defined')
+        advice = to_add('locals', f'{number}: [X, Y, Z, U]')
+        text = f'Local {number} is not defined: {advice}'
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, text)
     return frame
 
 

@@ -8,7 +8,7 @@ language does not define, or that usually fail. Each rule has a name and a row i
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +24,7 @@ from epson_driver.spel.commands import (
     TaskType,
     forbidden,
 )
-from epson_driver.spel.errors import Position, Problem
+from epson_driver.spel.errors import Position, Problem, to_add
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint_rules import (
     leaves,
@@ -37,6 +37,7 @@ from epson_driver.spel.lint_rules import (
 from epson_driver.spel.project import build_with, reserved_names
 from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
 from epson_driver.spel.scope import ONE_WHEN_ON, constant
+from epson_driver.spel.settings import Settings
 from epson_driver.spel.syntax import (
     Apply,
     Assign,
@@ -84,7 +85,7 @@ DEEPEST_FOR = 10
 RULES = {
     'syntax': 'unreadable source text',
     'unknown': 'an unknown name',
-    'not-simulated': 'a SPEL+ word that is not simulated and needs an answer (`--stub`)',
+    'not-simulated': 'a word, or a port, that needs a line in `spel.yaml` to run',
     'type': 'a number instead of a string, ByRef of another type, no As, …',
     'arguments': 'too many or too few',
     'declaration': 'declared twice, or with bounds that are not constants',
@@ -128,8 +129,13 @@ _WAITING_COMMANDS = frozenset(
 )
 
 
-def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
-    """Return all problems of a project's files on controllers of a version, in order."""
+def check(
+    files: Mapping[str, str], version: int = 8, settings: Settings | None = None
+) -> list[Problem]:
+    """Return all problems of a project's files on controllers of a version, in order.
+
+    `settings`: those of the project. None: they are unknown, so none is missing.
+    """
     problems: list[Problem] = []
     program = build_with(files, problems, problems)
     lint = _Lint(program, version, files)
@@ -143,9 +149,18 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
             problems.append(Problem(Position(name, 1), 'project-file', fault, warning=True))
     for rule in lint.rules:
         problems.extend(rule())
+    if settings is not None:
+        answered = {word.split()[0].lower() for word in settings.stubs}
+        problems = [problem for problem in problems if not _answered(problem, answered)]
+        problems.extend(lint.missing_ports(settings.ports))
     lines = {name: text.split('\n') for name, text in files.items()}
     active = (problem for problem in set(problems) if not _switched_off(problem, lines))
     return sorted(active, key=lambda problem: (problem.position, problem.rule, problem.text))
+
+
+def _answered(problem: Problem, words: set[str]) -> bool:
+    """Return whether a problem is a word without a simulation for which a stub answers."""
+    return problem.rule == 'not-simulated' and problem.text.split()[0].lower() in words
 
 
 def _asks_for_error(handler: Block) -> bool:
@@ -420,6 +435,24 @@ class _Lint:
             port = constant(expression, CONSTANTS) if expression is not None else None
             if isinstance(port, int):
                 yield port, node.at
+
+    def missing_ports(self, known: Container[int]) -> Iterator[Problem]:
+        """Yield the first OpenNet of each port with neither a SetNet nor a known setting."""
+        set_up: set[int | float | None] = set()
+        opened: dict[int, Position] = {}
+        for node in self._nodes(Command):
+            name, port = node.name.lower(), None
+            if name in ('setnet', 'opennet') and node.arguments[0] is not None:
+                port = constant(node.arguments[0], CONSTANTS)
+            if name == 'setnet':
+                set_up.add(port)
+            elif name == 'opennet' and isinstance(port, int):
+                opened.setdefault(port, node.at)
+        for port, at in opened.items():
+            if port not in known and not set_up & {port, None}:
+                advice = to_add('ports', f'{port}: ADDRESS:PORT')
+                text = f'port {port} has no TCP port: to run it, {advice}'
+                yield Problem(at, 'not-simulated', text, warning=True)
 
     @cached_property
     def _waiting(self) -> set[str]:

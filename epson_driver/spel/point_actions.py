@@ -9,7 +9,7 @@ from typing import Any
 
 from epson_driver.spel.actions import print_terminal, within
 from epson_driver.spel.builtins import point
-from epson_driver.spel.errors import bad
+from epson_driver.spel.errors import bad, to_add
 from epson_driver.spel.frames import changed, frame_between, frame_of, local_of
 from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
 from epson_driver.spel.task import Task
@@ -164,7 +164,8 @@ def _arch(task: Task, number: int, which: int) -> float:
 def _local(task: Task, number: int) -> Point:
     result = task.world.locals.get(number)
     if result is None:
-        raise bad('Local', f'{number} is not defined')
+        advice = to_add('locals', f'{number}: [X, Y, Z, U]')
+        raise bad('Local', f'{number} is not defined: {advice}')
     return Point('xy', result.values[:6])
 
 

@@ -161,7 +161,10 @@ _EVALUATED = (
 )
 """Text around the statements of $Execute and of Eval."""
 
-_MAIN = re.compile(r'(?im)^[ \t]*function[ \t]+main\b(?:[ \t]*\([ \t]*\))?')
+_STARTED = re.compile(
+    r'(?im)^[ \t]*function[ \t]+(?:main|test\w*)\b(?:[ \t]*\([ \t]*\)|(?![ \t]*\())'
+)
+"""Start of main, and of each test."""
 _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 
 
@@ -192,21 +195,13 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
 
 
 def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
-    """Return the files with statements added in the line of Function main, after its name.
-
-    Raises InputError if the statements have more than one line, or if no Function main exists.
-    """
-    if not statements.isprintable():
-        raise InputError(f'{shown(statements)}: must be one line of statements, divided by ;')
-    changed = {
-        name: _MAIN.sub(lambda found: f'{found[0]}; {statements}', text)
+    """Return the files with statements added in the lines of Function main and of each test."""
+    return {
+        name: _STARTED.sub(lambda found: f'{found[0]}; {statements}', text)
         if name.lower().endswith('.prg')
         else text
         for name, text in files.items()
     }
-    if changed == dict(files):
-        raise InputError('the project has no Function main to set up something for')
-    return changed
 
 
 def _parse(

@@ -229,6 +229,7 @@ def test_fault_and_look_ahead_options_are_applied(start):
     ('words', 'message'),
     [
         (['--define', 'A=1'], '--define: needs a SPEL+ program'),
+        (['--set', 'ports.201=:1'], '--set: needs a SPEL+ program'),
         (['--program-port', '2001'], "'2001', PORT=PORT: '': must be a port from 0"),
         (['--program-port', 'x=0'], "'x=0', PORT=PORT: x: must be a port from 1"),
         (['--program-port', '2001=70000'], "'2001=70000', PORT=PORT: 70000: must be a port"),

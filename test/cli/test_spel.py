@@ -326,14 +326,17 @@ Fend
 def test_run_executes_the_setup_statements_before_the_program(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(HOMES)
     (tmp_path / 'robot.pts').write_text('sVersion="2.0.0"\nnNumberOfPoints=0\n')
-    setup = 'HomeSet 0, 0, 0, 0; TLSet 1, XY(0, 0, 50, 0)'
-    done = run_with_input('', '--fast', '--robot', 't3_401s', '--setup', setup, tmp_path)
+    settings = tmp_path / 'spel.yaml'
+    settings.write_text('robot: t3_401s\nsetup: HomeSet 0, 0, 0, 0\ntools:\n  1: [0, 0, 20, 0]\n')
+    done = run_with_input('', '--fast', '--set', 'tools.1=[0, 0, 50, 0]', tmp_path)
     assert (done.returncode, done.stdout.split()) == (0, ['1', '50']), done
-    done = run_with_input('', '--fast', '--robot', 't3_401s', tmp_path)
-    assert 'Tool: 1 is not defined: TLSet 1, or run --setup' in done.stdout + done.stderr
-    done = run_with_input('', '--fast', '--setup', 'a\nb', tmp_path)
+    done = run_with_input('', '--fast', '--set', 'setup=HomeSett', tmp_path)
     assert done.returncode == 2
-    assert 'must be one line of statements' in done.stderr
+    assert f'{settings}: TLSet 1, XY(0, 0, 20, 0); HomeSett: unknown statement' in done.stderr
+    settings.write_text('robot: t3_401s\n')
+    done = run_with_input('', '--fast', tmp_path)
+    advice = 'Tool: 1 is not defined: use TLSet, or add `1: [X, Y, Z, U]` under `tools:`'
+    assert advice in done.stdout + done.stderr
 
 
 def test_program_connects_to_a_local_server(tmp_path: Path) -> None:
@@ -344,8 +347,8 @@ def test_program_connects_to_a_local_server(tmp_path: Path) -> None:
     )
     with socket.create_server(('127.0.0.1', 0)) as server:
         server.settimeout(30)
-        net = f'202=192.168.0.9:{server.getsockname()[1]}:LF'
-        command = [*COMMAND, 'run', '--net', net, str(tmp_path)]
+        port = f'ports.202=192.168.0.9:{server.getsockname()[1]}:LF'
+        command = [*COMMAND, 'run', '--set', port, str(tmp_path)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL) as done:
             client, _ = server.accept()
             with client:

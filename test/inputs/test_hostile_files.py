@@ -38,11 +38,12 @@ from epson_driver.robots import load_robot_model
 from epson_driver.robots.limit_files import file_limits
 from epson_driver.setup.robot_file import node_sections
 from epson_driver.share import share_path
-from epson_driver.spel import read_answers, read_project
+from epson_driver.spel import read_project
 from epson_driver.spel.errors import SpelError
 from epson_driver.spel.export import exported
 from epson_driver.spel.files import Files
 from epson_driver.spel.project_data import project_data
+from epson_driver.spel.settings import file_values
 from epson_driver.taught_points import EpsonPoint, TaughtPoints
 from epson_driver.trajectory_file import read_trajectory, write_trajectory
 
@@ -266,7 +267,10 @@ READERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path]]] = {
         _text('x.yaml', 'joint_limits: {a: {has_velocity_limits: true, max_velocity: 1.5}}\n'),
     ),
     'parameters': (node_sections, _text('x.yaml', '/**:\n  ros__parameters:\n    a: 1.5\n')),
-    'answers': (read_answers, _text('x.yaml', 'VRun:\nVGet: [[1, 2.5], [0, 3]]\n')),
+    'settings': (
+        file_values,
+        _text('spel.yaml', 'stubs:\n  VGet: [[1, 2.5], [0, 3]]\ntools:\n  1: [0, 0, 1.5, 0]\n'),
+    ),
     'program': (read_project, _text('main.prg', 'Function main\n  Print 1.5\nFend\n')),
     'project': (lambda path: project_data(read_project(path), []), _project),
     'points of RC+': (lambda path: TaughtPoints().load(path), _points('x.pts')),

@@ -475,7 +475,9 @@ def test_unsimulated_word_is_an_error_unless_stubbed(name: str) -> None:
     host = run(source)
     (failure,) = host.failures
     assert (failure.number, failure.position.line) == (9999, 2)
-    assert failure.text == f'{name} is not simulated: give an answer to it with --stub'
+    assert failure.text == (
+        f'{name} is not simulated: add `{name}: RESULT` under `stubs:` in spel.yaml'
+    )
     (warning,) = check({'main.prg': source})
     assert (warning.rule, warning.warning) == ('not-simulated', True)
     answered = ScriptedHost()

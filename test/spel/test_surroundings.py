@@ -9,10 +9,9 @@ import pytest
 from support.examples import one_in
 from support.spel_harness import on_controller
 
-from epson_driver.inputs import InputError
 from epson_driver.sim_controller.spel_run import TestResult
-from epson_driver.spel import NetSettings, ProgramEnvironment, read_answers
-from epson_driver.spel.files import Files
+from epson_driver.spel import NetSettings, ProgramEnvironment
+from epson_driver.spel.files import Answer, Files
 
 
 def run(body: str, around: ProgramEnvironment | None = None, more: str = '') -> TestResult:
@@ -43,32 +42,19 @@ VISION = """
 """
 
 
-def test_stub_answers_are_used_in_order_and_the_last_repeats(tmp_path: Path) -> None:
-    path = tmp_path / 'answers.yaml'
-    path.write_text(
-        'VRun:\n'
-        'vget find.geom01.robotxyu: [[1, 250.0, 40.5, 90], [0, 1, 2, 3]]\n'
-        'VGet: [1]\nCnv_QueLen: [2, 1, 0]\nCnv_QueGet: [[5, 6, 7]]\nSF_GetParam$: name\n'
-    )
-    result = run(VISION, ProgramEnvironment(read_answers(path)))
+def test_stub_answers_are_used_in_order_and_the_last_repeats() -> None:
+    stubs: dict[str, list[Answer]] = {
+        'VRun': [None],
+        'vget find.geom01.robotxyu': [[1, 250.0, 40.5, 90], [0, 1, 2, 3]],
+        'VGet': [1],
+        'Cnv_QueLen': [2, 1, 0],
+        'Cnv_QueGet': [[5, 6, 7]],
+        'SF_GetParam$': ['name'],
+    }
+    result = run(VISION, ProgramEnvironment(stubs))
     assert lines(result) == [
         '1 -1 250 40.5 90 2', '2 0 1 2 3 1', '3 0 1 2 3 0', '-1', '6 name', '0'
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('- VRun\n', 'must have lines WORD: ANSWERS'),
-        ('VRunn: 1\n', 'VRunn is no word of SPEL.*did you mean VRun'),
-        ('VRun: {a: 1}\n', 'an answer is a value, or a list of values'),
-    ],
-)
-def test_invalid_stub_answers_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / 'answers.yaml'
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        read_answers(path)
 
 
 PEERS = """

@@ -228,9 +228,8 @@ def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
     """Return the home position. All joints move together, because Hordr is not simulated."""
     home = robot.controller.spel.home
     if home is None:
-        raise SpelError(
-            ErrorNumber.ARGUMENT, 'Home: no home position is defined: HomeSet, or run --setup'
-        )
+        text = 'Home: no home position is defined: add `setup: HomeSet PULSES, …` to spel.yaml'
+        raise SpelError(ErrorNumber.ARGUMENT, text)
     return _go(robot, MotionRequest('go', (SpelPoint('pulses', tuple(map(float, home))),)))
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 
 from epson_driver.sim_controller.ports import ClientSession, Send, Session
 from epson_driver.spel import NetSettings, SpelError
+from epson_driver.spel.errors import to_add
 
 MAX_UNREAD_BYTES = 65_536
 """Maximum number of unread bytes from a client. A client that exceeds it is disconnected."""
@@ -142,7 +143,8 @@ class ProgramNetwork:
         """Open a port object as a server or a client. Raises SpelError if this is not possible."""
         tcp_port = settings.tcp_port
         if tcp_port == 0:
-            text = f'port {port} has no TCP port: SetNet gives it one, or --net'
+            advice = to_add('ports', f'{port}: ADDRESS:PORT')
+            text = f'port {port} has no TCP port: use SetNet, or {advice}'
             raise SpelError(OPEN_FAILED, text)
         self.close_net(port)
         if not server:

@@ -23,7 +23,7 @@ from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber, angles_rejection, clipped
 from epson_driver.sim_controller.spel_host.lines import joints_along
 from epson_driver.spel import Point, SpelError
-from epson_driver.spel.errors import bad
+from epson_driver.spel.errors import bad, to_add
 from epson_driver.spel.functions import POSTURES
 from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
@@ -95,7 +95,8 @@ class RobotPoints:
     def use(self, tool: int) -> None:
         """Select the tool for the next motions (Tool n). Raises SpelError if it is not defined."""
         if tool and tool not in self.tools:
-            raise bad('Tool', f'{tool} is not defined: TLSet {tool}, or run --setup')
+            advice = to_add('tools', f'{tool}: [X, Y, Z, U]')
+            raise bad('Tool', f'{tool} is not defined: use TLSet, or {advice}')
         self._kinematics = Kinematics(self._model, _matrix(self.tools[tool]) if tool else None)
         self.tool = tool
 

@@ -57,7 +57,10 @@ def test_client_of_a_closed_port_is_not_served():
 @pytest.mark.parametrize(
     ('statements', 'text'),
     [
-        ('OpenNet #203 As Server', 'port 203 has no TCP port: SetNet gives it one, or --net'),
+        (
+            'OpenNet #203 As Server',
+            'port 203 has no TCP port: use SetNet, or add `203: ADDRESS:PORT` under `ports:`',
+        ),
         (
             'SetNet #203, "", 11002\nSetNet #204, "", 11002\n'
             'OpenNet #203 As Server\nOpenNet #204 As Server',

@@ -157,6 +157,28 @@ def test_process_listens_on_other_ports_of_a_program(tmp_path):
         process.stdout.close()
 
 
+def test_process_reads_the_settings_beside_a_program(tmp_path):
+    (tmp_path / 'main.prg').write_text(
+        'Function main\n  Tool 1\n  OpenNet #201 As Server\n  WaitNet #201\n'
+        '  Print #201, CZ(TLSet(1))\nFend\n'
+    )
+    (tmp_path / 'spel.yaml').write_text(
+        'robot: t3_401s\ntools:\n  1: [0, 0, 20, 0]\nports:\n  201: 192.168.0.1:2000:LF\n'
+    )
+    options = ('--program-port', '2001=0', '--set', 'ports.201=192.168.0.1:2001:CR')
+    process, _ = started('--program', str(tmp_path), *options, stderr=subprocess.PIPE)
+    try:
+        text = r'port 2001 of the program is 127\.0\.0\.1:(\d+)'
+        port = next(int(found[1]) for line in process.stderr if (found := re.search(text, line)))
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        with socket.create_connection(('127.0.0.1', port), timeout=60) as sock:
+            assert receive(sock, 3) == b'20\r'
+    finally:
+        process.terminate()
+        assert process.wait(60) == 0
+        process.stdout.close()
+
+
 def test_invalid_program_is_refused_with_file_and_line(tmp_path):
     (tmp_path / 'main.prg').write_text('Function main\n  Jumps P1\nFend\n')
     command = ['--program', str(tmp_path)]

@@ -1,0 +1,105 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Options of the commands that run a SPEL+ program: spel run, spel test and sim_controller.
+
+They override the spel.yaml beside the program.
+"""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+from epson_driver.cli.arguments import DEFAULT_MODEL, define
+from epson_driver.cli.problem_formats import placed
+from epson_driver.inputs import InputError
+from epson_driver.spel import (
+    Program,
+    ProgramEnvironment,
+    ProgramError,
+    Settings,
+    build,
+    read_settings,
+    with_defines,
+    with_setup,
+)
+from epson_driver.spel.errors import SETTINGS_FILE
+from epson_driver.spel.files import Files
+from epson_driver.spel.settings import KEYS
+
+DEFAULT_CONTROLLER = 'simulated'
+
+
+def add_set(parser: argparse.ArgumentParser) -> None:
+    """Add the option --set."""
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='KEY=VALUE',
+        help=f'value of a key ({", ".join(KEYS)}) instead of that in {SETTINGS_FILE}, such as '
+        'ports.201=192.168.0.1:2000 (repeatable)',
+    )
+
+
+def add_program_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    text = f'(default: of {SETTINGS_FILE}, else'
+    parser.add_argument(
+        '--robot', metavar='MODEL', help=f'robot model, or a .yaml file {text} {DEFAULT_MODEL})'
+    )
+    parser.add_argument(
+        '--controller',
+        metavar='PROFILE',
+        help=f'controller profile, or a .yaml file {text} {DEFAULT_CONTROLLER})',
+    )
+    parser.add_argument(
+        '--define',
+        type=define,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='new value for a #define line of the SPEL+ project, empty to disable it (repeatable)',
+    )
+    add_set(parser)
+
+
+def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
+    """Return the settings of a program in a folder, if any, with those of the options.
+
+    Raises InputError if they are invalid.
+    """
+    words = (
+        f'{key}={value}'
+        for key in ('robot', 'controller')
+        if (value := getattr(arguments, key)) is not None
+    )
+    return read_settings(folder, [*arguments.set, *words])
+
+
+def program_of(
+    arguments: argparse.Namespace, files: Mapping[str, str], settings: Settings, folder: Path
+) -> Program:
+    """Return the program in `files` with new values of #define lines, and with its settings.
+
+    Raises ProgramError if it has errors, with the paths of its files from the current folder, and
+    InputError for invalid values.
+    """
+    files = with_defines(files, dict(arguments.define))
+    try:
+        program = build(files)
+        if not settings.statements:
+            return program
+    except ProgramError as error:
+        raise ProgramError(placed(error.problems, folder)) from error
+    try:
+        return build(with_setup(files, settings.statements))
+    except ProgramError as error:
+        problem = error.problems[0].text
+        raise InputError(f'{settings.source}: {settings.statements}: {problem}') from error
+
+
+def environment_of(
+    settings: Settings, folder: Path | None, keep: bool = False
+) -> ProgramEnvironment:
+    """Return the environment of a program. `keep`: as in `Files`."""
+    return ProgramEnvironment(settings.stubs, settings.ports, Files(folder, keep))
