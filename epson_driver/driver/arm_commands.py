@@ -44,7 +44,7 @@ class ArmCommands:
     """Commands for the arm. Each returns a sentence with the result, or raises CommandError.
 
     `all_received` waits until the driver has received all goals that clients have already sent.
-    The default is for clients that submit goals directly.
+    The default does not wait, because some clients submit goals directly.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class ArmCommands:
             return 'the arm is enabled' + ('' if inhibit is None else f', but {inhibit.text}')
 
     async def _wait_for_first_stop(self) -> None:
-        """Wait until STOP has been sent on a new motion connection, if it is required first."""
+        """Wait until STOP has been sent first on a new motion connection that requires this."""
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
@@ -335,7 +335,7 @@ class ArmCommands:
         self._driver.gate.refusal = None
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
-        """Return the CommandError for a failed action, with the reason from status or `error`."""
+        """Return the CommandError for a failed action. The text is from the status, or `error`."""
         robot, inhibit = self._driver.robot, None
         if error.status is not None:
             inhibit = refusal_inhibit(*error.status, robot.errors)

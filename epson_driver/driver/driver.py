@@ -226,7 +226,6 @@ class Driver:
             self.motion_link.reconnect('a reply is missing')
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
-        """Disable the arm because STOP failed."""
         _log.error('the arm did not stop as requested: %s, %s', why, self.stopper.arm_state)
         self.disable(why)
         self.goal_queue.end_waiting(why)
@@ -343,7 +342,7 @@ class Driver:
     def _log_condition(
         self, status: Status, before: Status | None, now: float, *, quiet: bool
     ) -> None:
-        """Log why a disabled arm cannot be enabled, such as an E-stop, and when this is cleared.
+        """Log what prevents a disabled arm from being enabled, and when this is cleared.
 
         `before`: the previous status. `quiet`: no other log entry reports the cause.
         """
@@ -392,7 +391,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a new state of a link. `name`: 'state', 'motion', or 'remote' if it is both."""
+        """Handle a new state of a link. `name`: 'state', 'motion', or 'remote' if one is both."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.reset()

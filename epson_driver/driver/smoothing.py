@@ -95,7 +95,7 @@ class SmoothingProcess:
         self._closed = False
 
     def make_ready(self) -> None:
-        """Start the process for the next trajectory, so that the trajectory need not wait."""
+        """Start the process for the next trajectory in advance."""
         if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_worker(WORKER))
 
@@ -117,7 +117,6 @@ class SmoothingProcess:
                 await end_worker(process)
 
     async def _next_process(self) -> asyncio.subprocess.Process:
-        """Return the process that was started for the next trajectory."""
         self.make_ready()
         starting = self._next
         assert starting is not None  # noqa: S101 - for the type checker
@@ -130,7 +129,7 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process, and start no other. Calls of `prepared` must have been cancelled."""
+        """End the process started in advance, if any. Cancel calls of `prepared` before this."""
         self._closed = True
         async with self._lock:
             starting, self._next = self._next, None

@@ -56,7 +56,7 @@ def smoothed_trajectory(
 def _to_smooth(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
-    """Return the trajectory from `start` with noise removed, if a tolerance is set."""
+    """Add `start` before a first point later than 0 s. Remove noise if a tolerance is set."""
     if trajectory.times[0] > 0.0:
         trajectory = Trajectory(
             trajectory.joint_names,
@@ -78,7 +78,7 @@ def _check(motion: Trajectory, limits: JointLimits) -> None:
 
 
 NICENESS = 5
-"""Increment of the niceness. It gives priority to processes that serve links."""
+"""Increment of this process's niceness, so that processes that serve links have priority."""
 
 
 def main() -> None:

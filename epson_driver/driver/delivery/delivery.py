@@ -35,10 +35,10 @@ OnReply = Callable[[Packet, float], None]
 class DeliveryRules:
     """Rules for sending points to a controller, from the parameters and its profile.
 
-    motoman: points need Motoman's commands. uses: fields of a JOINT_TRAJ_PT that the controller
-    uses. speed: speed of a controller that uses neither field, as a fraction of the maximum.
-    slowest: minimum speed of the controller, as a fraction of the maximum. buffer: maximum number
-    of points of a download. dead_time: start delay of a download per point, s. power: motor power
+    motoman: points need Motoman's commands. uses: which of the fields velocity and duration of a
+    JOINT_TRAJ_PT the controller uses. speed: speed of a controller that uses neither. slowest:
+    minimum speed of the controller. Both are fractions of the maximum. buffer: maximum number of
+    points of a download. dead_time: start delay of a download per point, s. power: motor power
     that SPEL+ statements set. docs/controllers.md describes the values.
     """
 

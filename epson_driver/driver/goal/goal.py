@@ -280,7 +280,7 @@ class Arrival:
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_closer(self) -> bool:
-        """Return whether the joint that had the longest distance has moved half of it."""
+        """Return whether the joint with the longest distance to move has covered half of it."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))

@@ -82,9 +82,9 @@ class GoalHandle:
 class GoalQueue:
     """Executes one goal at a time.
 
-    `on_broken_off(outcome, unanswered)` is called after a goal that requires the arm to be enabled
-    again. `unanswered` is True if a reply is missing. `start_tolerance` (rad) and `settings` may
-    be changed at any time. Changed settings also apply to the running goal.
+    `on_broken_off(outcome, unanswered)` is called after a goal whose end requires that the arm is
+    enabled again. `unanswered`: a reply is missing. `start_tolerance` (rad) and `settings` may be
+    changed at any time. Changed settings also apply to the running goal.
     """
 
     def __init__(
@@ -293,7 +293,7 @@ class GoalQueue:
         return handle.outcome
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Pass new joints to the running goal, and resume it if it is paused and may resume."""
+        """Pass new joints to the running goal. Resume a paused goal if nothing prevents it."""
         handle = self._running
         if handle is not None and (execution := handle.execution) is not None:
             execution.on_state(self._robot, now)
@@ -316,7 +316,7 @@ class GoalQueue:
 
     @property
     def _purpose(self) -> Purpose:
-        """Purpose of the check of a new goal.
+        """Purpose for which a new goal is checked.
 
         While a goal runs and the controller reports no joints, it is GOAL, which needs no joints.
         """
@@ -378,7 +378,6 @@ class GoalQueue:
         return 'pausing: the arm brakes, then the motion waits'
 
     def _resume(self, handle: GoalHandle, execution: GoalExecution, now: float) -> None:
-        """Resume a paused goal, unless this is inhibited."""
         if self._why_not(Purpose.RESUME, now) is not None:
             return
         with execution.ended_by_rejection():

@@ -88,7 +88,7 @@ class Backend(ABC):
     wake: Callable[[], None]
 
     def follow(self, dialect: Dialect) -> None:  # noqa: B027 - text has no byte order
-        """Use the byte order and real width of the state server."""
+        """Use the byte order and floating-point width of the state server."""
 
     async def find_ranges(self, timeout: float) -> None:  # noqa: B027 - a profile has them
         """Request the existing points. Raises IoUnavailableError if the request fails."""
@@ -148,7 +148,7 @@ def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> Io
 def shown(
     ranges: Ranges, types: Sequence[IoType], *, grouped: bool
 ) -> Iterator[tuple[IoRange, int, list[IoAddress]]]:
-    """Yield each range to poll, the number of its points per value, and the addresses to read.
+    """Yield each range to poll, the number of points in each value, and the addresses to read.
 
     If groups consist of digital points (`grouped`), the digital points are read as groups, and the
     values of the groups are computed from them (`packed`). Ranges beyond a total of MAX_SHOWN

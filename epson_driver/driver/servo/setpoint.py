@@ -14,7 +14,7 @@ MAX_SPEED_FACTOR = 1.1
 """Maximum speed of a setpoint, as a multiple of the joint's velocity limit."""
 
 WINDOW_BEHIND_S = 0.04
-"""Maximum delay of a window's positions relative to the integral of its velocities, s."""
+"""Maximum delay of positions in a Window relative to the integral of their velocities, s."""
 
 SLACK = 1e-3
 """Additional tolerance of `contradiction` for rounding and noise, rad or m."""
@@ -67,7 +67,7 @@ class Window:
 
 
 NO_STATE_YET = 'its sender has no state yet: all values are NaN'
-"""Problem of a ros2_control hardware component without an active controller."""
+"""Why a message of only NaN is invalid. ros2_control sends these without an active controller."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +124,6 @@ class Setpoint:
         return None
 
     def _window_problem(self, window: Window, limits: JointLimits) -> str | None:
-        """Return why the window is invalid, or None if it is valid."""
         for name, values in (('positions', window.positions), ('velocities', window.velocities)):
             if values is None:
                 continue
@@ -235,9 +234,9 @@ class ArrivalMonitor:
     """Distinguishes silence on a topic from messages lost while this process was stalled.
 
     Newer messages replace older ones in the short queue of a subscription. Lost messages are
-    therefore detected by their sequence numbers. Each publisher counts separately, and ROS does
-    not identify the publisher of a message. `started`: monotonic time at which this process
-    started to receive, s.
+    therefore detected by their sequence numbers. Each publisher numbers its messages separately,
+    and ROS does not identify the publisher of a message. `started`: monotonic time at which this
+    process started to receive, s.
     """
 
     def __init__(self, started: float) -> None:

@@ -31,8 +31,7 @@ class PauseDetector:
         self.paused = False
         """Whether the controller denies motion and the arm is at rest."""
         self.main_ended = False
-        """Whether the controller's program has ended: motion is denied, and a past error reported.
-        """
+        """Whether the controller's program has ended: motion is denied with an error number."""
         self._was_possible = False
 
     def update(self, status: Status) -> None:
@@ -53,7 +52,7 @@ MAX_ARRIVALS = 2048
 """Maximum number of arrival times stored for diagnostics: two seconds at 1 kHz."""
 
 JOINT_MOVED = 1e-3
-"""Change of a joint that the model lacks, rad or m, from which on it counts as moving."""
+"""Minimum change that counts as motion of a joint that the model lacks, rad or m."""
 
 MAX_POSE_AGE_S = 0.3
 MAX_POSE_AGE_SLOTS = 6
@@ -93,7 +92,7 @@ class JointSample:
 class StateRules:
     """Rules for the controller's state messages.
 
-    period: initial estimate of the time between two messages, joints or STATUS, s. limits: joint
+    period: initial estimate of the time between two messages (joints or STATUS), s. limits: joint
     limits for the plausibility check, with `margins`; None: all values are accepted. timeout: age
     at which joints are stale even if the controller sends rarely, s. on_request: the controller
     reports its state only on request, and not while the arm moves.

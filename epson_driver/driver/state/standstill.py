@@ -91,5 +91,5 @@ class Standstill:
         return self._since is not None
 
     def reached(self, now: float) -> bool:
-        """Return whether the arm has been at rest long enough. `now`: `measured` of a sample."""
+        """Return whether the arm has been at rest long enough. `now`: newest `measured` time."""
         return self._since is not None and now - self._since >= self._rest

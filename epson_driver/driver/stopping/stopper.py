@@ -288,7 +288,6 @@ class Stopper:
         self._changed.notify_all()
 
     def _end(self, now: float) -> None:
-        """End the stop, because the arm is at rest."""
         confirmed = self._acknowledged and self._rejection is None
         if not confirmed and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
