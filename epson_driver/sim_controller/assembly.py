@@ -116,7 +116,6 @@ def program_network(profile: ControllerProfile) -> ProgramNetwork:
 
 
 def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
-    """Set up a controller with a SPEL+ program, its arm and its clients."""
     controller.spel = SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED)
     controller.tables = STARTED_BY_A_PERSON
     controller.clients = ClientConnections(controller, source.network)
@@ -163,7 +162,6 @@ def _command_window(controller: Controller) -> SpelProgram:
 
 
 def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
-    """Return an arm with smooth motion if there is a planner, otherwise point to point."""
     caps = low_power_caps(controller.model.reach)
     executor = _new_executor(controller, start, planner, caps)
     return SimulatedArm(executor, controller.servo, caps)

@@ -46,7 +46,7 @@ each cycle. Older messages are dropped, because clients do not need them and eac
 """
 
 _Slot = tuple[Callable[[], Message], ...]
-"""The messages of one time slot."""
+"""Functions that return the messages of one time slot."""
 
 
 class StateSession:
@@ -80,7 +80,7 @@ class StateSession:
         self._open = True
 
     def receive(self, data: bytes) -> None:
-        """Answer requests for joint positions, STATUS or the version. Raises FrameError."""
+        """Answer the client's requests. Raises FrameError if frame synchronization is lost."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             reply = answer_frame(frame, self._answers)
@@ -190,7 +190,7 @@ GRACE_S = 0.1
 """Time after its connection, s, in which a remote client is not evicted, so that it can send."""
 
 MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
-"""Maximum number of clients within GRACE_S when the remote port is full."""
+"""Maximum number of clients that a full remote port accepts within GRACE_S."""
 
 
 class ClientConnection(Session):

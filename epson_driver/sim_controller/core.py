@@ -393,7 +393,6 @@ class Controller:
         self._apply_settings()
 
     def _apply_settings(self) -> None:
-        """Apply Speed and Accel to the next point-to-point statements."""
         self.arm.executor.speed = self.spel.speed
         self.arm.executor.accel = self.spel.accel
 

@@ -136,7 +136,7 @@ class Program(Protocol):
         """Discard the unacknowledged points of a client that has disconnected."""
 
     def pause(self) -> None:
-        """Supply no more points to the arm and answer none, until `resume`.
+        """Supply no points to the arm, and acknowledge no points, until `resume`.
 
         Invalid points are still refused, and STOP still works. The caller pauses the arm. Repeated
         calls are allowed.
@@ -179,7 +179,7 @@ Answers = Mapping[int, Callable[[], Message]]
 """Message type → function that returns the body of the reply to such a request."""
 
 UNANSWERED = (CommType.TOPIC, CommType.SERVICE_REPLY)
-"""Message types that are not answered."""
+"""Communication types of messages that are not answered."""
 
 _log = logging.getLogger(__name__)
 

@@ -126,7 +126,6 @@ def run(
 
 
 def _run_fast(controller: Controller, seconds: float) -> int:
-    """Run the program as fast as this machine allows, and return the exit code."""
     while (code := _exit_code(controller)) is None and controller.clock.now < seconds:
         _pass_time(controller, seconds)
     return _ended(controller, code)

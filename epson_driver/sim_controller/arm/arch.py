@@ -24,10 +24,10 @@ from epson_driver.tool_motion.curve_motion import (
 _KINDS = 'velocity', 'acceleration', 'jerk'
 
 STATIONARY = 1e-9
-"""Largest displacement over a leg, rad or m, at which a joint counts as stationary."""
+"""A joint that moves at most this far along a leg counts as stationary, rad or m."""
 
 ON_LEG = 1e-6
-"""Largest distance from a leg, rad or m, at which the arm counts as on it."""
+"""An arm that is at most this far from a leg counts as on the leg, rad or m."""
 
 UP, ACROSS = 0.2, 0.8
 """Fractions of the low-power tool speed for a move up or down, and for the move across.

@@ -26,8 +26,8 @@ class LowPower:
     """The speed and acceleration caps of Power Low.
 
     fraction: maximum fraction (0, 1] of the robot's limits. tool_speed: maximum tool speed, m/s.
-    reach: reach of each joint, shape (n,), m (1 for a prismatic joint). Raises ValueError if a
-    value is out of range.
+    reach: largest distance of the tool from each joint's axis, shape (n,), m (1 for a prismatic
+    joint). Raises ValueError if a value is out of range.
     """
 
     fraction: float

@@ -33,7 +33,7 @@ class Part(NamedTuple):
 class JointMoves:
     """The sum of moves that overlap in time, as a function of the time.
 
-    The sum respects a joint's limits, also during a stop, if the parts divide them.
+    The sum respects a joint's limits, even during a stop, if these are divided among the parts.
     """
 
     def __init__(self, origin: Array, parts: Sequence[Part]) -> None:
@@ -75,10 +75,10 @@ CANDIDATE_STARTS = 24
 """Number of start times checked together. The earliest allowed one is then refined once."""
 
 LIMIT_TOLERANCE_SHARE = 1e-9
-"""Relative excess of a velocity, acceleration or jerk limit that counts as rounding."""
+"""Fraction by which a velocity, acceleration or jerk may exceed its limit (rounding)."""
 
 POSITION_TOLERANCE = 1e-12
-"""Excess of a position limit that counts as rounding, rad."""
+"""A position may exceed its limit by this much because of rounding, rad."""
 
 
 def blend_start(
@@ -118,7 +118,7 @@ def blend_start(
 class _Check:
     """Check of the sum of two moves against the limits, for many start times together.
 
-    A tool's speed limit is checked like the velocity limit of a further joint.
+    A tool's speed limit is checked like the velocity limit of an additional joint.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class _Check:
 def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, Array, Array]:
     """Return distance, velocity, acceleration and jerk at `times`.
 
-    middle: for each time, a time inside its piece. At the boundary of two pieces it selects one.
+    middle: for each of `times`, a time inside its piece, because a time may be on a boundary.
     """
     piece = np.clip(np.searchsorted(pieces.times, middle, side='right') - 1, 0, 7)
     t = times - pieces.times[piece]

@@ -332,7 +332,6 @@ class PointToPoint:
     # Events and their times.
 
     def _next_event_time(self) -> float:
-        """Return the time of the next event, s."""
         if self._brake is not None:
             return self._brake.end
         if self._segments:
@@ -342,7 +341,6 @@ class PointToPoint:
         return self._queue[0].ready if self._queue and not self._paused else inf
 
     def _process_event(self) -> None:
-        """Process the event that is due."""
         if self._brake is not None:
             self._rest = self._brake.motion.end
             self._brake = None

@@ -150,7 +150,7 @@ class Recovery:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the recovery has ended, complete or stopped."""
+        """Whether the recovery has ended, because it is complete or was stopped."""
         return self._time >= self._motion.duration
 
     def stop(self) -> None:

@@ -43,7 +43,7 @@ class SpelSettings:
         return self._set.get(name) or self._program.get(name) or SETTINGS[name]
 
     def change(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Set the numbers of a setting, which must be in its range."""
+        """Set a setting to `numbers`, which must be within its range."""
         self._set[name] = numbers
 
     def reset(self) -> None:

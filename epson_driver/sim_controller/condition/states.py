@@ -69,7 +69,7 @@ class Tasks(Enum):
 
 
 class Fault(Enum):
-    """Errors of the controller itself. A refused point is not one."""
+    """Errors of the controller itself. A refused point is no such error."""
 
     NONE = 'none'
     ERROR = 'error'
@@ -144,12 +144,12 @@ class Condition:
 
     @property
     def paused(self) -> bool:
-        """Whether the Normal tasks wait for continue."""
+        """Whether the Normal tasks wait for the event CONTINUE."""
         return self.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER)
 
 
 class RejectedError(Exception):
-    """The condition does not allow an event. The message gives the reason and the remedy."""
+    """The condition forbids an event. The message gives the reason and the remedy."""
 
 
 _E = Event
@@ -205,7 +205,7 @@ DOOR: dict[tuple[Door, Event], Door] = {
 }
 
 ENDED = (Tasks.STOPPED, Tasks.ABORTED)
-"""States in which the Normal tasks have ended. Events that end them then have no effect."""
+"""States in which the Normal tasks have ended. Further events that end tasks have no effect."""
 
 TASKS: dict[tuple[Tasks, Event], Tasks] = {
     (Tasks.RUNNING, _E.PAUSE): Tasks.PAUSED,

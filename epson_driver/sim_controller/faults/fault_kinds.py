@@ -62,7 +62,7 @@ class Parameter:
         return f'a {number} from {self.low:.12g} to {self.high:.12g}{unit}'
 
     def read(self, text: str) -> float:
-        """Return the value of a text. Raises ValueError without a message if it is invalid."""
+        """Parse a value. Raises ValueError, without a message, if it is invalid."""
         if self.choices:
             return self.choices.index(text)
         value = int(text) if self.whole else float(text)
@@ -71,7 +71,7 @@ class Parameter:
         return value
 
     def write(self, value: float) -> str:
-        """Return the text of a value, the inverse of `read`."""
+        """Return a value as text, the inverse of `read`."""
         if self.choices:
             return self.choices[int(value)]
         return str(int(value)) if float(value).is_integer() else repr(value)
@@ -150,7 +150,6 @@ def _on_links(text: str, *parameters: Parameter) -> Kind:
 def _on_messages(
     text: str, *parameters: Parameter, ports: tuple[str, ...], replies: bool = False
 ) -> Kind:
-    """Return a kind of fault that affects messages."""
     return Kind(text, (*parameters, SKIP, _for(), AFTER), DATA_PORTS, ports, replies)
 
 
@@ -308,7 +307,7 @@ def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
 
 
 def write(fault: Fault) -> str:
-    """Return the text of a fault. Parameters without an effect (0 or None) are omitted."""
+    """Return a fault as text, without parameters that have no effect (0 or None)."""
     parts = [fault.name]
     for parameter in fault.kind.parameters:
         value = fault.values[parameter.name]

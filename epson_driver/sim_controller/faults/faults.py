@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 
 class Actions(Protocol):
-    """The actions of the controller that faults trigger. None is refused or moves the arm.
+    """Actions of the controller that faults trigger. No action is refused or moves the arm.
 
     Joints are indices from 0.
     """
@@ -151,7 +151,7 @@ class Faults:
     # Requests of users.
 
     def start(self, fault: Fault) -> None:
-        """Start a fault, now or after its `after`, s.
+        """Start a fault, now or after the time `after` in its values, s.
 
         Raises FaultError if the joint does not exist, if too many faults are active, or if a fault
         of the remote port has no duration.

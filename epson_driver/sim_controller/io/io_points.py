@@ -87,8 +87,8 @@ class IoPoints:
     def write(self, io_type: int, index: int, value: int) -> None:
         """Set an output, a group of outputs or a flag.
 
-        Raises IoError, and changes nothing, if it does not exist, is an input or the value is out
-        of range.
+        Raises IoError, and changes nothing, if the point does not exist or is an input, or if the
+        value is out of range.
         """
         kind, known = self._checked(io_type, index)
         if not kind.writable:
@@ -99,7 +99,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def set_input(self, io_type: int, index: int, value: int) -> None:
-        """Set an input or a group of inputs, as wiring would. Raises IoError if it is invalid."""
+        """Set an input or a group of inputs. Raises IoError if the index or value is invalid."""
         kind, known = self._checked(io_type, index)
         if kind.bits not in _INPUTS and known not in _INPUTS:
             raise IoError(

@@ -175,7 +175,7 @@ class IoStream:
 
 _OUTPUTS = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.GROUP_OUTPUT)
 _RESETTABLE = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.FLAG)
-"""Types that are reset if a request names ALL types. Groups consist of the same points."""
+"""Types that a reset of ALL types includes. Groups consist of the same points."""
 
 _log = logging.getLogger(__name__)
 

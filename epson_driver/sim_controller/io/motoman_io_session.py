@@ -40,7 +40,7 @@ from epson_driver.simple_message import (
 from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, Invalid, Result
 
 _BIT_DIGITS = 10
-"""The last digit of a bit's address is its index in the group."""
+"""Divisor that separates a bit's address into its group and, as last digit, its index."""
 
 _OUT_OF_RANGE = 'it must be an existing general input or output'
 
@@ -48,7 +48,7 @@ _log = logging.getLogger(__name__)
 
 
 class _AddressError(Exception):
-    """An address does not exist. The message gives the reason."""
+    """An I/O address does not exist. The message gives the reason."""
 
 
 class MotomanIoSession:

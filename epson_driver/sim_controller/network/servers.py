@@ -66,7 +66,7 @@ class Ports(NamedTuple):
 
 
 class ControllerServers:
-    """The listening ports of one controller, its real time, and its planner process if any.
+    """Runs one controller in real time, with its TCP ports and its planner process, if any.
 
     `spel` contains the ports of a SPEL+ program, which are served once the program opens them.
     `program_ports`: TCP port in the program → port to use instead (0: any free one).
@@ -161,7 +161,7 @@ class ControllerServers:
                 )
 
     async def run_until(self, over: asyncio.Event) -> None:
-        """Run the controller in real time until an event. Raises the exceptions of `run`."""
+        """Run the controller in real time until `over` is set. Raises the exceptions of `run`."""
         running, ending = asyncio.create_task(self.run()), asyncio.create_task(over.wait())
         try:
             await asyncio.wait((running, ending), return_when=asyncio.FIRST_COMPLETED)

@@ -197,7 +197,7 @@ class MotionProgram:
         self._accepted = None
 
     def pause(self) -> None:
-        """Supply no more points to the arm and answer none, until `resume`."""
+        """Supply no points to the arm, and acknowledge no points, until `resume`."""
         self._queue.paused = True
 
     def resume(self) -> None:

@@ -52,7 +52,7 @@ class InvalidReason(NamedTuple):
 def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
     """Return why a point is invalid regardless of other points, or None.
 
-    The numbers of joints that the robot does not have must be finite too.
+    Values must be finite even for joints that the robot does not have.
     """
     if point.robot_id != 0:
         return InvalidReason(

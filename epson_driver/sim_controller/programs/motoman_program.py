@@ -119,7 +119,7 @@ _NOT_SERVED = (MessageType.STATUS, MessageType.JOINT_FEEDBACK, MessageType.MOTIO
 """Types of messages that end the connection, because MotoROS does not serve them here."""
 
 _Command = Callable[[MotionReply], MotionReply | None]
-"""Function that executes a command. It gets a SUCCESS reply and returns the reply to send."""
+"""Function that executes a command. It gets the reply for success, and returns the one to send."""
 
 
 class MotomanProgram:

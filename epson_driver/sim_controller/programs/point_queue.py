@@ -61,7 +61,7 @@ def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
 def numbers_rejection(point: JointTrajPt, used: FieldsUsed = FieldsUsed.BOTH) -> Rejection | None:
     """Return why the numbers of a point are invalid, or None.
 
-    The numbers of joints that the robot does not have must be finite too. Velocity and duration
+    Values must be finite even for joints that the robot does not have. Velocity and duration
     are checked only if the program uses them, see `used`.
     """
     for index, angle in enumerate(point.joints):

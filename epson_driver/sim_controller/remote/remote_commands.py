@@ -49,7 +49,7 @@ _SIMULATED = 'simulated'
 """The answer to a query for a serial number or a version."""
 
 _PREFERENCES = f'{1 << 14 | 1:023b}'
-"""Preferences of EPSON's client: background tasks and advanced task commands are enabled."""
+"""The answer to `GetContSettings`: background tasks and advanced commands are enabled."""
 
 
 @dataclass(slots=True)

@@ -36,7 +36,7 @@ _SIDES = ('hand', 'elbow', 'wrist')
 """Groups of postures, in the order of the values of `Kinematics.sides`. A SCARA has the first."""
 
 _UNDETERMINED = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
-"""Robot type → point flag and index of a joint whose angle the tool pose may leave undetermined.
+"""Robot type → point flag → index of a joint whose angle the tool pose may leave undetermined.
 
 The flag specifies the angle (SPEL+ manual p449, p455).
 """
@@ -79,7 +79,7 @@ class RobotPoints:
         self._type = robot_type(model)
         self.tool = 0
         self.tools: dict[int, Point] = {}
-        """Tools by number, defined by TLSet."""
+        """Tool number → tool, as defined by TLSet."""
 
     @cached_property
     def pulses_per_unit(self) -> Array:
@@ -323,7 +323,7 @@ class RobotPoints:
 
 
 def without_rounding(values: Array) -> list[float]:
-    """Return values in mm or degrees, rounded so that values near 0 are 0."""
+    """Return values rounded to nine decimals, with -0 replaced by 0."""
     return [item + 0.0 for item in np.round(values, 9).tolist()]
 
 

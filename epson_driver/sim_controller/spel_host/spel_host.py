@@ -97,7 +97,7 @@ class LogTerminal(Unattended):
 
 
 POLL_PERIOD_S = 0.010
-"""Polling period for the end of statements that have no event at their end, s."""
+"""Period for polling statements whose end causes no event, s."""
 
 _IO = {
     Memory.INPUT: IoType.DIGITAL_INPUT,
@@ -179,7 +179,7 @@ class SpelHost:
         return completion
 
     def _poll(self, completion: Completion) -> None:
-        """Poll a statement that has no event at its end, and call `news` at its end."""
+        """Poll a statement whose end causes no event, and call `news` when it ends."""
         timer: Timer
 
         def poll() -> None:
