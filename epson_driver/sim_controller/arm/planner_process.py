@@ -105,7 +105,7 @@ class PlannerProcess:
         failed: Callable[[str], None],
         present: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Deliver plans. When the process ends, call `failed` with the reason and restart it.
+        """Pass on each plan. If the process ends, call `failed` with the reason and restart it.
 
         Plans and failures are reported within `present()`, which first advances the controller to
         the current time.

@@ -114,7 +114,7 @@ class PointToPoint:
 
     start: joint positions, shape (n,), rad. speed, accel: fractions (0, 1] of the limits (SPEL+
     Speed, Accel). caps: limits at low power (None: low power has no effect). timed: a point's
-    duration also makes its move slower, otherwise it has no effect. Others: see the module.
+    duration also makes its move slower, otherwise ignored. Other arguments: see the module.
     """
 
     def __init__(

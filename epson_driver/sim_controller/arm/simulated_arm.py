@@ -201,9 +201,9 @@ class SimulatedArm:
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
         """Advance by `dt` ≥ 0 s.
 
-        A recovery advances alone. Otherwise `execute`, the program's `step`, is called with `dt`.
-        It steps the executor and supplies the next point if the arm completes one within `dt`.
-        Finally the servos follow the commanded motion.
+        During a recovery, only the return move advances. Otherwise `execute`, the program's
+        `step`, is called with `dt`. It steps the executor and supplies the next point if the arm
+        completes one within `dt`. Finally the servos follow the commanded motion.
         """
         if self._recovery is not None:
             if not self.executor.moving:  # its points were discarded, so no return is needed

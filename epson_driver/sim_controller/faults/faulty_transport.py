@@ -70,7 +70,7 @@ class FaultyTransport:
             self._send_disturbed(message)
 
     def receive(self, data: bytes) -> bytes:
-        """Return the bytes from the client that the session receives: all of them, or none."""
+        """Return the bytes that the session receives: `data`, or b'' if they are lost."""
         if self._silent:
             self._lost_bytes = self._lost_bytes or bool(data)
             return b''

@@ -31,7 +31,7 @@ from epson_driver.simple_message import FrameError
 from epson_driver.socket_errors import reason
 
 HALF_CLOSED_S = 2.0
-"""Time for which a client is still sent data after it has shut down its own side, s."""
+"""Time for which a client that has shut down its sending side still receives data, s."""
 
 HANDOVER_S = 0.1
 """Time that a new client waits on a full port, s. Its old connection may still be closing."""
@@ -54,7 +54,7 @@ _GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
 _log = logging.getLogger(__name__)
 
 MAX_SAVED_S = 0.1
-"""Maximum processor time that an idle client saves, s."""
+"""Maximum processor time that an idle client saves up, s."""
 
 INITIAL_S = 0.002
 """Saved processor time of a new client, s. It is short, so reconnecting has no advantage."""
@@ -110,7 +110,7 @@ class PortRules(NamedTuple):
     Further clients wait HANDOVER_S, at most MAX_WAITING_CLIENTS at a time, and are then refused.
     max_unsent: number of unsent bytes beyond which a client is disconnected. send_buffer: size of
     the system's additional buffer, bytes (None: its default). half_closed: a client that has shut
-    down its own side is still sent data for HALF_CLOSED_S. chunk: maximum number of bytes per
+    down its sending side still receives data for HALF_CLOSED_S. chunk: maximum number of bytes per
     read. cpu_fraction: fraction of the processor time that all clients together may use in the
     long run (None: unlimited). replace: a new client replaces the oldest one on a full port.
     """
@@ -207,7 +207,7 @@ class PortServer:
             asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
 
     def _accept(self, listening: socket.socket) -> None:
-        """Accept one connection. Others remain queued in the operating system."""
+        """Accept one connection. Further ones remain queued in the operating system."""
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
             wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()

@@ -19,7 +19,7 @@ from epson_driver.sim_controller.ports import ClientSession, ProgramPorts
 
 HOST = '127.0.0.1'
 RETRY_S = 0.2
-"""Delay before another attempt to reach the peer, s."""
+"""Delay before a program's client port tries again to connect, s."""
 
 MAX_UNSENT = 65_536
 

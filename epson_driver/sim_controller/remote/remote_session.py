@@ -109,7 +109,7 @@ class RemoteSession:
 
     @property
     def _allowed_silence(self) -> float:
-        """Timeout for a silent client, s, or 0 for none."""
+        """Timeout for a silent client, s (0: no timeout)."""
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:

@@ -51,7 +51,7 @@ class RobotContext(NamedTuple):
 
 
 def value(robot: RobotContext, name: str, arguments: Arguments) -> Result:
-    """Return the value of the function `name` (lower case). Raises SpelError if it has none."""
+    """Return the value of function `name` (lower case). Raises SpelError if it has no value."""
     return VALUES[name](robot, arguments)
 
 

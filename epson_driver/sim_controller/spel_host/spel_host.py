@@ -159,7 +159,7 @@ class SpelHost:
     # The robot
 
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
-        """Return the value of a controller or robot function. Raises SpelError if it has none."""
+        """Return the value of a SPEL+ function. Raises SpelError if it has no value."""
         return value(self._robot, name, arguments)
 
     def command(
