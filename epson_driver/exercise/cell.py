@@ -30,7 +30,7 @@ PERIOD_S = 0.02
 RETRY_S = 0.2
 SESSION_S = 86_400.0
 ESTOP_FLAG = 6
-"""Position of the E-stop flag in the answer to GetStatus."""
+"""Index of the E-stop flag in the reply to GetStatus."""
 
 MOVED = 0.002
 """Minimum displacement of a joint that counts as motion, rad or m."""
@@ -42,9 +42,9 @@ REST_S = 0.2
 class Observer:
     """Polls the arm's position and the E-stop in a thread until `close`.
 
-    It queries the remote port like a person at the pendant. So its observations depend on neither
-    driver nor program, and faults of the messages do not affect it. Times are s on the monotonic
-    clock.
+    It queries the remote port, like a person at the pendant. Its observations are therefore
+    independent of driver and program, and of faults in their messages. Times are s on the
+    monotonic clock.
     """
 
     def __init__(self, port: int, model: RobotModel, password: str = '') -> None:
@@ -70,7 +70,7 @@ class Observer:
 
     @property
     def seen(self) -> tuple[Array, Array]:
-        """Times, shape (k,), and positions, shape (k, n), rad or m."""
+        """Times of the observations, shape (k,), and joint positions, shape (k, n), rad or m."""
         with self._lock:
             return np.array(self._times), np.array(self._positions).reshape(-1, self._joints)
 
@@ -86,9 +86,9 @@ class Observer:
             return bool(self._news.wait_for(lambda: self._times, timeout))
 
     def wait_for_motion(self, until: float, ended: threading.Event) -> float | None:
-        """Wait until the arm moves and return the time of the motion.
+        """Wait until the arm moves, and return the time at which this was observed.
 
-        Returns None if it has not moved by `until`, or when `ended` is set.
+        Returns None if it has not moved by the time `until`, or when `ended` is set.
         """
         with self._news:
             start = self._positions[-1] if self._positions else None
@@ -155,8 +155,8 @@ TRACE = 'wire.pcap'
 class SimulatedCell:
     """A running controller and its driver.
 
-    environment: environment variables of programs that use them. trace: the driver's recording of
-    the network traffic, complete once the cell is closed.
+    environment: environment variables for programs that use the cell. trace: the driver's
+    recording of the network traffic, complete once the cell is closed.
     """
 
     def __init__(
@@ -171,20 +171,20 @@ class SimulatedCell:
         self._password = password
 
     def pendant(self, words: str) -> None:
-        """Do a person's action at the controller: `estop press`, `motors off`, `fault cut 2`.
+        """Perform an operator action, such as `estop press`, `motors off` or `fault cut 2`.
 
-        Raises UsageError if the words are unknown, RemoteError if the controller refuses.
+        Raises UsageError if `words` are unknown, RemoteError if the controller refuses the action.
         """
         command = action(words).commands[0]
         port, limit = self.ports.remote, PENDANT_TIMEOUT_S
         asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
 
     def fault(self, words: str) -> None:
-        """Start a fault, such as `cut 2` or `lost_reply skip=4`, or end all with `clear`."""
+        """Start a fault, such as `cut 2` or `lost_reply skip=4`, or end all of them (`clear`)."""
         self.pendant(f'fault {words}')
 
     def enable(self) -> None:
-        """Enable the arm on a person's behalf. Raises RunError if that fails, with the reason."""
+        """Enable the arm as an operator would. Raises RunError, with the reason, if that fails."""
         words = ('/epson_driver/enable', f'{READY_TIMEOUT_S:g}')
         process = subprocess.run(  # noqa: S603 - our own
             module_command('epson_driver.exercise.call_trigger', *words),
@@ -219,7 +219,7 @@ def simulated_cell(
     parameters: Mapping[str, Any] | None = None,
     enabled: bool = True,
 ) -> Iterator[SimulatedCell]:
-    """Run a cell on free ports and in a free ROS domain, with logs and trace in a folder.
+    """Run a cell on free ports and in a free ROS domain, with logs and trace in `folder`.
 
     `arguments`: further arguments of sim_controller. `parameters`: the driver's parameters, with
     `__` for a dot. Raises RunError if a process does not start, with the reason.

@@ -15,7 +15,7 @@ THERE = 0.01
 
 
 class Verdict(StrEnum):
-    """The behaviour of the program."""
+    """Verdict on the program's behaviour during a fault."""
 
     FINISHED = 'finished'
     GAVE_UP = 'gave up'
@@ -29,7 +29,7 @@ class Verdict(StrEnum):
 
 
 GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
-"""Acceptable behaviour. The other verdicts fail the exercise."""
+"""Verdicts that pass. The other ones fail the exercise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Observed:
     code: its exit code, or None if it had to be killed after `seconds`. last_line: the last line
     of its output. trajectories: the number sent to the controller. end: the arm's final position,
     shape (n,), rad or m. refused: why the controller did not accept the fault, or ''. aborted: why
-    the driver aborted the last goal that it aborted, or ''.
+    the driver last aborted a goal, or ''.
     """
 
     case: str
@@ -57,7 +57,7 @@ class Observed:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The report of a case."""
+    """The verdict on the program in one case, and the reason."""
 
     case: str
     verdict: Verdict
@@ -71,7 +71,7 @@ class Result:
 
 
 def judge(seen: Observed, usual: Observed) -> Result:
-    """Return the verdict on a program, compared with its run without a fault."""
+    """Return the verdict on the run `seen`, compared with `usual`, the run without a fault."""
     verdict, why = _verdict(seen, usual)
     return Result(seen.case, verdict, why, seen.seconds)
 
@@ -133,5 +133,4 @@ def junit(results: list[Result], command: str) -> str:
 
 
 def _xml_text(text: str) -> str:
-    """Return a text without the control characters that XML does not allow."""
     return ''.join(c if c.isprintable() or c in '\n\t' else '\ufffd' for c in text)

@@ -116,7 +116,7 @@ CASES: dict[str, Case] = {
 
 
 def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
-    """Return the pendant actions. spel: stop the program before actions that it would refuse."""
+    """Return `actions`. With `spel`, insert `stop` before the ones in STOPPED_FIRST."""
     if not spel:
         return actions
     return tuple(
@@ -127,7 +127,7 @@ def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
 
 
 MOTION_SHARE = (0.1, 0.6)
-"""Range of the fault's start, as a share of the motion. The seed selects the value."""
+"""Range of the delay from the first motion to the fault, as a share of the usual duration."""
 
 LATEST_BEGIN_S = 2.0
 PERSON_COMES_S = 3.0
@@ -156,10 +156,10 @@ class Exercise:
 
 
 def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | None) -> Observed:
-    """Run the program once, leaving logs and trace in the folder, which must be new.
+    """Run the program once, with logs and trace in `folder`, which must not exist yet.
 
-    usual: the run without a fault, or None for that run itself. Raises cell.RunError if controller
-    or driver do not start.
+    usual: the observations without a fault, or None for that run itself. Raises cell.RunError if
+    controller or driver do not start.
     """
     folder.mkdir(parents=True)
     spel = bool(load_controller_profile(exercise.controller).spel.project)
@@ -259,14 +259,12 @@ def _begin(cell: SimulatedCell, case: Case) -> str:
 
 
 def _help(cell: SimulatedCell, case: Case) -> None:
-    """Do a person's actions, even if the controller refuses some."""
     for words in case.person:
         with contextlib.suppress(RemoteError):
             cell.pendant(words)
 
 
 def _kill(program: subprocess.Popen[bytes]) -> None:
-    """Terminate the program and all its child processes."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(program.pid, number)
@@ -291,7 +289,6 @@ def _aborted(log: Path) -> str:
 
 
 def _trajectories(trace: Path, robot: str) -> int:
-    """Return the number of trajectories sent over the wire."""
     try:
         run = read_trace(trace, load_robot_model(robot).limits, load_error_texts())
     except (InputError, RunError):

@@ -60,5 +60,5 @@ def text(values: Any) -> str:
 
 
 def asset(name: str) -> str:
-    """Return the text of bundle.js, bundle.css or arm.js."""
+    """Return the text of the file `name`: bundle.js, bundle.css or arm.js."""
     return files(__name__).joinpath('assets', name).read_text(encoding='utf-8')

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Answers of a controller over Remote Ethernet: flags, device in control, identity, joints.
+"""Queries over Remote Ethernet: status flags, device in control, identity, joint positions.
 
-Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags); EPSON's node for Node-RED (the eleven
-flags of the RC700 generation, GetContDev).
+Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags), and EPSON's node for Node-RED (the
+eleven flags of the RC700 generation, GetContDev).
 
 The simulated controller reports its identity (`$Sim,identity`). A real one is queried for its type
-and robot (`$GetContType`, `$GetRobotInfo`). A SPEL+ statement prints the joint positions. The
-controller accepts it only in AUTO, if it is idle and has no E-stop, error or open door.
+and robot (`$GetContType`, `$GetRobotInfo`). A SPEL+ `Print` statement returns the joint positions.
+The controller accepts it only in AUTO, if it is idle and has no E-stop, error or open door.
 """
 
 import re
@@ -48,8 +48,8 @@ CONTROL_DEVICES = {
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """Request the status. Return the names of the flags that are set, and the error number.
 
-    A reply with fewer flags than FLAGS lacks the first ones. RC+ 5 sends ten, without Test.
-    Raises ConnectionError if the reply is not a status.
+    A reply may omit the first flags of FLAGS: RC+ 5 sends ten, without Test. Raises
+    ConnectionError if the reply is not a status.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
@@ -92,8 +92,8 @@ async def identity(ask: Ask, address: str) -> str:
 async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
     """Return type of controller, robot model, and whether the controller is simulated.
 
-    The type of a simulated controller is its profile. Unknown names are ''. Raises the exceptions
-    of `ask` except RemoteError.
+    The type of a simulated controller is the name of its profile. An unknown name is ''. Raises
+    the exceptions of `ask` except RemoteError.
     """
     if result := _SIMULATED.fullmatch(await value_or_empty(ask, 'Sim,identity')):
         return result[1], result[2], True
@@ -104,7 +104,7 @@ async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
 
 
 _SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}
-"""SI unit → the unit of the replies (degree or mm) in this unit."""
+"""SI unit of a joint → factor from the unit of the replies (degree or mm) to it."""
 
 _SHOWN_CHARACTERS = 60
 

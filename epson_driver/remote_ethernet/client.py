@@ -57,7 +57,7 @@ MAX_ERROR_DIGITS = 5
 """Maximum number of digits of an error number in a valid reply."""
 
 MAX_LOGINS = 5
-"""Maximum number of login attempts. A controller without a free slot closes the connection."""
+"""Maximum number of login attempts. A controller without a free session closes the connection."""
 
 LOGIN_RETRY_PERIOD_S = 0.2
 """Delay before the next login attempt, s."""
@@ -117,7 +117,7 @@ async def connected(
 ) -> AsyncIterator[Ask]:
     """Open a session without a login, for `$Sim` commands. Otherwise like `logged_in`.
 
-    `tries`: attempts to connect, if the controller closes the connection.
+    `tries`: maximum number of attempts, if the controller closes the connection.
     """
 
     async def first_command(ask: Ask) -> None:
@@ -138,10 +138,10 @@ async def logged_in(
 ) -> AsyncIterator[Ask]:
     """Open a session: log in, yield the function that sends commands, and log out.
 
-    `timeout`, s, limits the whole session. If the controller closes the connection before it
-    answers the login, or does not answer within LOGIN_TIMEOUT_S, the login is repeated. The number
-    of attempts is `max_logins`. Repeating is safe because no command has been sent. A failed
-    logout is ignored, because all commands have been answered.
+    `timeout`, s, limits the whole session. The login is repeated, in at most `max_logins`
+    attempts, if the controller closes the connection before its answer, or does not answer within
+    LOGIN_TIMEOUT_S. Repeating is safe because no command has been sent. A failed logout is
+    ignored, because all commands have been answered.
 
     Raises RemoteError if a command is refused, TimeoutError if the session exceeds `timeout`,
     HungUpError if the controller closes the connection, and ConnectionError if it is unreachable
@@ -164,7 +164,7 @@ async def logged_in(
 async def _answering(
     host: str, port: int, first_command: Callable[[Ask], Awaitable[None]], attempts: int
 ) -> tuple[Ask, asyncio.StreamWriter]:
-    """Connect, and send a first command, which must not move the arm, up to `attempts` times."""
+    """Connect and send `first_command`, which must not move the arm, at most `attempts` times."""
     while True:
         attempts -= 1
         writer: asyncio.StreamWriter | None = None
@@ -235,7 +235,7 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
 
 
 def answer_to(line: str, command: str) -> str | RemoteError | None:
-    """Return the value or the refusal in a reply to `command`, or None for any other line."""
+    """Return the value or refusal in a reply to `command`, or None if `line` is no such reply."""
     name, _, value = line[1:].partition(',')
     number = value.strip()
     if name.lower() == command.partition(',')[0].lower():
@@ -265,7 +265,8 @@ class PreemptedError(ConnectionError):
 class RemoteTurns:
     """Access to the remote port for one dialogue (a sequence of commands) at a time.
 
-    Urgent dialogues, which switch the motors, precede patient ones. For use in one event loop.
+    An urgent dialogue, which switches the motors, cancels a patient one. For use in one event
+    loop.
     """
 
     def __init__(self) -> None:
@@ -275,7 +276,7 @@ class RemoteTurns:
 
     @asynccontextmanager
     async def urgent(self) -> AsyncIterator[None]:
-        """Acquire the port. Cancel a patient dialogue, or wait for the end of an urgent one."""
+        """Acquire the port: cancel a running patient dialogue, or wait for an urgent one."""
         self._urgent += 1
         try:
             if self._patient is not None:

@@ -30,7 +30,7 @@ class RefusedError(Exception):
 
 
 class Action(NamedTuple):
-    """An operator action: equivalent remote commands, tried until the controller supports one.
+    """An operator action. `commands`: alternatives, tried until the controller supports one.
 
     `done`: text after success (empty: the controller's reply). `moves`: the arm may move. `stops`:
     the action can only stop the arm, so it may be repeated if the connection closes before the
@@ -104,7 +104,6 @@ def action(text: str) -> Action:
 
 
 def _point(words: Sequence[str]) -> Action:
-    """Return the action that reads or sets an I/O point. Raises UsageError."""
     kind, index, value = (*words, '', '', '')[:3]
     number = SWITCH.get(value, value)
     if len(words) not in (2, 3) or not index.isdecimal() or (number and not _is_number(number)):

@@ -51,12 +51,16 @@ def within(name: str, number: int, least: int, most: int) -> int:
 
 
 def wait(task: Task, time: float) -> None:
-    """Wait s."""
+    """Execute `Wait time`: wait for `time`, s."""
     task.wait(seconds(task, time))
 
 
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
-    """Wait condition[, s]: TW returns whether it timed out. A timeout of TMOut is an error."""
+    """Execute `Wait condition[, time]`: wait until `test` holds or `time`, s, has passed.
+
+    TW is then True after a timeout. Without `time`, the timeout of `TMOut` applies, and is an
+    error.
+    """
     limit = task.default_timeout if time is None else seconds(task, time)
 
     def after(timed_out: bool) -> None:
@@ -67,12 +71,12 @@ def wait_condition(task: Task, test: Test, time: float | None) -> None:
 
 
 def set_default_timeout(task: Task, time: float) -> None:
-    """TMOut s. 0 disables the timeout."""
+    """Execute `TMOut time`: set the timeout of `Wait condition`, s. 0 disables it."""
     task.default_timeout = seconds(task, time) or None
 
 
 def wait_signal(task: Task, number: int, time: float | None = None) -> None:
-    """WaitSig n[, s]: wait for the next Signal."""
+    """Execute `WaitSig n[, time]`: wait for the next `Signal n`, at most for `time`, s."""
     number, signals = nearest(number), task.world.signals
     before = signals.get(number, 0)
     limit = None if time is None else seconds(task, time)
@@ -80,13 +84,13 @@ def wait_signal(task: Task, number: int, time: float | None = None) -> None:
 
 
 def signal(task: Task, number: int) -> None:
-    """Signal n: resume the tasks that wait for it."""
+    """Execute `Signal n`: resume the tasks that wait for it."""
     number, signals = nearest(number), task.world.signals
     signals[number] = signals.get(number, 0) + 1
 
 
 def sync_lock(task: Task, number: int, time: float | None = None) -> None:
-    """SyncLock n[, s]: lock n for this task, once no other task holds the lock."""
+    """Execute `SyncLock n[, time]`: wait for lock n, at most for `time`, s, and acquire it."""
     number = nearest(number)
     locks = task.world.locks
     if locks.get(number) == task.number:
@@ -101,7 +105,7 @@ def sync_lock(task: Task, number: int, time: float | None = None) -> None:
 
 
 def sync_unlock(task: Task, number: int) -> None:
-    """SyncUnlock n. Only the task that holds the lock may release it."""
+    """Execute `SyncUnlock n`. Raises SpelError if this task does not hold lock n."""
     number = nearest(number)
     if task.world.locks.get(number) != task.number:
         raise SpelError(ErrorNumber.SYNC, f'SyncUnlock {number}: this task has not locked it')
@@ -109,17 +113,17 @@ def sync_unlock(task: Task, number: int) -> None:
 
 
 def reset_timer(task: Task, number: int) -> None:
-    """TmReset n: restart timer n at 0."""
+    """Execute `TmReset n`: restart timer n at 0."""
     task.world.timers[nearest(number)] = task.world.time
 
 
 def reset_elapsed_time(task: Task) -> None:
-    """ResetElapsedTime: restart ElapsedTime at 0."""
+    """Execute `ResetElapsedTime`: restart `ElapsedTime` at 0."""
     task.world.elapsed_from = task.world.time
 
 
 def randomize(task: Task, seed: float | None = None) -> None:
-    """Randomize: the same seed gives the same numbers."""
+    """Execute `Randomize [seed]`. The same seed gives the same random numbers."""
     task.world.random.seed(0 if seed is None else seed)
 
 
@@ -134,7 +138,7 @@ def _other(task: Task, which: int | str) -> Task:
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
-    """Quit n|f|All. All excludes background tasks. A task that has ended is no error (p65)."""
+    """Execute `Quit`: end the task `which`, if it runs, or (None) all except background tasks."""
     world = task.world
     if which is not None:
         if (result := world.task(which)) is not None:
@@ -147,24 +151,24 @@ def quit_task(task: Task, which: int | str | None) -> None:
 
 
 def halt(task: Task, which: int | str | None) -> None:
-    """Halt n: suspend a task until Resume."""
+    """Execute `Halt n`: suspend the task `which` (None: this task) until `Resume`."""
     _other(task, which or task.number).halted = True
 
 
 def resume(task: Task, which: int | str | None) -> None:
-    """Resume n: continue a halted task."""
+    """Execute `Resume n`: continue the halted task `which` (None: this task)."""
     _other(task, which or task.number).halted = False
 
 
 def task_wait(task: Task, which: int | str | None) -> None:
-    """TaskWait n: wait until the task is over."""
+    """Execute `TaskWait n`: wait until the task `which` has ended."""
     result = task.world.task(which) if which is not None else None
     if result is not None:
         task.wait(None, lambda: result.frame is None)
 
 
 def start_main(task: Task, which: int | str | None) -> None:
-    """StartMain main: start task 1. Only background tasks may execute it."""
+    """Execute `StartMain f`: start the function f as task 1. Only background tasks may do so."""
     task.may('startmain')
     if not isinstance(which, str):
         raise bad('StartMain', 'needs the name of a main function')
@@ -174,14 +178,14 @@ def start_main(task: Task, which: int | str | None) -> None:
 
 
 def pause_all(task: Task) -> None:
-    """Pause: pause all Normal tasks and any motion."""
+    """Execute `Pause`: pause all Normal tasks and any motion."""
     for item in task.world.tasks.values():
         item.paused = item.type is TaskType.NORMAL
     task.world.host.paused(True)
 
 
 def resume_paused(world: SharedState) -> None:
-    """Resume after a pause, restarting timed waits."""
+    """Resume the paused tasks. Their timed waits start again."""
     for task in world.tasks.values():
         if task.paused:
             task.paused = False
@@ -191,12 +195,12 @@ def resume_paused(world: SharedState) -> None:
 
 
 def continue_all(task: Task) -> None:
-    """Cont: the host resumes the tasks as soon as it can."""
+    """Execute `Cont`: request the host to resume the paused tasks."""
     task.world.host.paused(False)
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:
-    """Error [task,] n: raise error n in this task, or in another one."""
+    """Execute `Error [task,] n`: raise error n in this task, or in the given one."""
     if second is None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))
@@ -216,10 +220,10 @@ def set_trap(
     target: Linked | int | None,
     action: str,
 ) -> None:
-    """Trap n, condition … or Trap event Xqt f. Without a target, disarm the Trap.
+    """Execute `Trap n, condition …` or `Trap event Xqt f`. Without a target, disarm the Trap.
 
-    GoTo and Call interrupt the current statement of the task. After Call, the task waits until the
-    function has ended. Xqt starts the function beside the task.
+    `action`: GoTo and Call interrupt the current statement of the task. After Call, the task waits
+    until the function has ended. Xqt starts the function as another task.
     """
     task.may('trap')
     world = task.world
@@ -235,7 +239,7 @@ def set_trap(
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:
-    """Till, Find or Sense with a condition, for later motions that use the word alone."""
+    """Store the condition of `Till`, `Find` or `Sense` for motions that have the word alone."""
     task.may(name)
     task.world.conditions[name] = test
 
@@ -244,7 +248,7 @@ def store_condition(task: Task, name: str, test: Test) -> None:
 
 
 def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) -> None:
-    """Raise SpelError if an output is set without Forced at E-stop or open door (p560, p567)."""
+    """Raise SpelError if an output is set without `Forced` during an E-stop or an open door."""
     if memory is not Memory.OUTPUT or 'forced' in words:
         return
     host = task.world.host
@@ -254,7 +258,7 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
 
 
 def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable[..., None]:
-    """Return a statement that switches a bit to `switch`, or that writes a number."""
+    """Return the function of a statement that sets a bit to `switch` or writes a number (None)."""
 
     def one(
         task: Task,
@@ -287,7 +291,6 @@ def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable
 
 
 def _decimal_out(task: Task, port: float, value: float, words: tuple[str, ...] = ()) -> None:
-    """OpBCD port, 0 to 99."""
     _may_write(task, 'OpBCD', Memory.OUTPUT, words)
     tens, ones = divmod(nearest(value), 10)
     task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, tens << 4 | ones)
@@ -303,7 +306,7 @@ def message_box(
     title: str | None = None,
     answer: Reference | None = None,
 ) -> None:
-    """MsgBox text, buttons, title, answer: wait for a button."""
+    """Execute `MsgBox text, buttons, title, answer`: wait until a button is pressed."""
     world, caller = task.world, task.caller
     pressed: list[int] = []
 
@@ -322,7 +325,7 @@ def message_box(
 
 
 def print_terminal(task: Task, text: str) -> None:
-    """Print to the terminal, or collect the output of a command."""
+    """Print to the terminal, or, within `Eval` and `$Execute`, collect the output."""
     if task.outputs:
         task.outputs[-1].append(text)
     else:
@@ -330,7 +333,7 @@ def print_terminal(task: Task, text: str) -> None:
 
 
 def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Store an input line in variables: as a whole, or split at commas and spaces."""
+    """Store an input line in `targets`: as a whole if `whole`, or split at commas and spaces."""
     if whole:
         parts = [line]
     elif len(targets) == 1 and TYPES[targets[0][2]].kind == STRING:
@@ -346,7 +349,7 @@ def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> N
 
 
 def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Input and Line Input from the terminal."""
+    """Execute `Input`, or `Line Input` if `whole`, from the terminal."""
     typed: list[str] = []
 
     def asked() -> bool:
@@ -364,7 +367,7 @@ def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> N
 def redim(
     _task: Task, array: Array, bounds: tuple[int, ...], preserve: bool, shared: bool
 ) -> None:
-    """Redim [Preserve] a(…)."""
+    """Execute `Redim [Preserve] a(…)`."""
     numbers, strings = _MAX_ELEMENTS[shared]
     maximum = strings if TYPES[array.type].kind == STRING else numbers
     if min(bounds) < 0 or size(bounds) > maximum:
@@ -373,18 +376,18 @@ def redim(
 
 
 def parse_into(_task: Task, text: str, into: Array, delimiters: str) -> None:
-    """ParseStr as a statement."""
+    """Execute `ParseStr text, into, delimiters`."""
     parse_string(text, into, delimiters)
 
 
 def format_into(_task: Task, value: Value, form: str, into: Reference) -> None:
-    """FmtStr value, format, variable (p337)."""
+    """Execute `FmtStr value, form, into` (SPEL+ manual p337)."""
     container, index, type_name = into
     container[index] = store(format_string(value, form), type_name)
 
 
 def set_point(task: Task, number: int, point: Point) -> None:
-    """P(n) = point: convert the point to the form of P0, P1, …, and store it. Raises SpelError."""
+    """Execute `P(n) = point`: store the point, with angles or pulses converted to a pose."""
     world = task.world
     world.points[within('P', number, 0, LAST_POINT)] = world.host.stored_point(point)
 
@@ -392,7 +395,7 @@ def set_point(task: Task, number: int, point: Point) -> None:
 def define_pallet(
     task: Task, number: int, *arguments: Point | int, words: tuple[str, ...] = ()
 ) -> None:
-    """Pallet n, P1, P2, P3[, P4], columns, rows."""
+    """Execute `Pallet n, P1, P2, P3[, P4], columns, rows`."""
     world = task.world
     corners = tuple(world.host.stored_point(item) for item in arguments if isinstance(item, Point))
     columns, rows = (item for item in arguments if not isinstance(item, Point))
@@ -400,12 +403,12 @@ def define_pallet(
 
 
 def clear_pallet(task: Task, number: float) -> None:
-    """PalletClr n."""
+    """Execute `PalletClr n`."""
     task.world.pallets.pop(nearest(number), None)
 
 
 def where(task: Task, local: float | None = None) -> None:
-    """Print the position of the robot: Where [local] (p890)."""
+    """Execute `Where [local]`: print the position of the robot (SPEL+ manual p890)."""
     here = task.world.host.value('here', ())
     assert isinstance(here, Point)  # noqa: S101 - Here is one
     here = in_local(here, nearest(local or 0), task.world.locals)

@@ -15,7 +15,7 @@ from epson_driver.spel.values import Point
 
 
 def timer(task: Task, number: int) -> float:
-    """Return Tmr: the time since TmReset, or since the start, s, rounded to 1 ms."""
+    """Return `Tmr(n)`: the time since `TmReset n`, or since the start, s, rounded to 1 ms."""
     started = task.world.timers.get(number, 0.0)
     return round(task.world.time - started, 3)
 
@@ -31,7 +31,7 @@ def _time(task: Task, unit: int) -> int:
 
 
 def point(task: Task, number: int) -> Point:
-    """Return P(n). Raises SpelError 7007 if it is not defined."""
+    """Return `P(n)`. Raises SpelError 7007 if the point is not defined."""
     world = task.world
     result = world.points.get(number)
     if result is None:
@@ -49,7 +49,7 @@ def _place(task: Task, number: int, position: int, row: int | None = None) -> Po
 
 
 def task_state(task: Task, which: int | str) -> int:
-    """Return TaskState of a task by its number or function name."""
+    """Return `TaskState` of the task `which`, a number or a function's name."""
     result = task.world.task(which)
     if result is not None:
         return result.state
@@ -155,4 +155,4 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'memin': _bits(Memory.MEMORY, 8),
     'meminw': _bits(Memory.MEMORY, 16),
 }
-"""Name in lower case → function, for the rows of functions.py with 'task'."""
+"""Name in lower case → function, for the functions that functions.py marks with 'task'."""

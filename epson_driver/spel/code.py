@@ -10,15 +10,16 @@ from epson_driver.spel.syntax import Declare, File, Parameter
 from epson_driver.spel.values import Value
 
 WAITING = -1
-"""Return value of an instruction that calls, waits or ends: the task decides how to continue."""
+"""Return value of an instruction after which the task itself decides how to continue."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
     """A variable: its storage, its type, and its bounds if it is an array.
 
-    `place` is 'v' for a slot of the function's frame, 'g' for a slot of the program. The slot of a
-    `by_reference` contains (list, index) of the caller's variable, or the caller's array.
+    `slot` is its index in the list `place`: 'v' for the variables of a call, 'g' for shared ones.
+    If `by_reference`, the element is the pair (list, index) of the caller's variable. An array
+    parameter is the caller's array.
     """
 
     name: str
@@ -34,11 +35,12 @@ class Variable:
 
 @dataclass
 class FunctionCode:
-    """A function. `source` has one Python function per instruction, named o<index>_<pc>.
+    """A compiled function. `source` has a Python function o<index>_<pc> for each instruction.
 
-    The other lists have an entry for each instruction: `lines` its position, `starts` the first
-    instruction of its statement, `following` the next instruction. Instructions in `passed_over`
-    only jump to the end of an If or Select: a jump to one of them goes to its target.
+    The other lists have an entry for each instruction: `lines` its position in the program,
+    `starts` the first instruction of its statement, `following` the next instruction. Instructions
+    in `passed_over` only jump to the end of an If or Select. Jumps to them go directly to that
+    end.
     """
 
     name: str

@@ -5,9 +5,9 @@
 A form is a list of argument kinds separated by commas: `n` a number, `#` a number after #, `s` a
 string, `x` a number or a string, `p` a point, `q` the number of a point (P1, its label), `v` a
 variable, `a` a whole array, `w(A|B)` one of these words (or 1 for A, 0 for B, as in `Power n`).
-`?` after a kind marks an optional
-argument, `*` any number of arguments, and - no argument. A form that starts with @ is read by the
-parser's method with that name. Task types and versions come from words.py.
+After a kind, `?` marks an optional argument, and `*` any number of arguments. `-` is the form of a
+statement without arguments. If a form starts with `@`, the parser's method with that name parses
+the statement. Task types and versions come from words.py.
 """
 
 import re
@@ -19,7 +19,7 @@ from epson_driver.spel.words import WORDS, is_a
 
 
 class TaskType(IntEnum):
-    """Task types. They differ in what pauses and ends a task. The values are TaskInfo(n, 2)."""
+    """Type of a task, as in `TaskInfo(n, 2)`. It determines what pauses and ends the task."""
 
     NORMAL = 0
     NO_PAUSE = 1
@@ -35,7 +35,7 @@ TASK_TYPE_WORDS = {
 }
 
 CONTROLLERS = {'rc620': 6, 'rc700a': 7, 'rc90': 7, 't': 7, 'vt': 7, 'rc800': 8}
-"""Controller types and their versions of RC+."""
+"""Type of controller → major version of RC+."""
 
 VERSIONS = tuple(sorted({*CONTROLLERS.values()}))
 
@@ -52,9 +52,9 @@ _FORBIDDEN = {
 
 @dataclass(frozen=True, slots=True)
 class CommandRule:
-    """One statement: its name, its arguments, the task types that cannot run it, and its version.
+    """One statement: its argument form, the task types that cannot run it, and its first version.
 
-    Statements with `robot` are passed to the host: `Host.command(name, arguments)`.
+    The host executes statements with `robot`: `Host.command(name, arguments)`.
     """
 
     name: str
@@ -65,13 +65,13 @@ class CommandRule:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words of a switch such as Motor, which a number can replace: not 0 is the first."""
+        """Words of a switch such as `Motor On|Off`. 0 can replace the second, 1 the first word."""
         first = re.match(r'w\((\w+)\|(\w+)\)', self.form)
         return () if first is None else tuple(first.group(1, 2))
 
     @property
     def needs_arguments(self) -> bool:
-        """Whether the statement without arguments can only display a value."""
+        """Whether an argument is required, except to display the current value."""
         first = self.form.split(',')[0]
         return bool(first) and first[0] != '@' and first[-1] not in '?*'
 
@@ -107,14 +107,14 @@ q,q?: PDel
 q?,q?: PList
 q?,n?: Hand
 """
-"""Statements of the interpreter. For @ the parser's method has the statement's name."""
+"""Statements that the interpreter executes. `@` alone: the parser's method has the same name."""
 
 WITHOUT_EFFECT = (
     'ATCLR', 'AutoLJM', 'AvoidSingularity', 'CollisionDetect', 'CP_Offset', 'FineDist', 'Hordr',
     'LimitTorque', 'LimZMargin', 'OLAccel', 'PerformMode', 'PTCLR', 'QPDecelR', 'QPDecelS',
     'SingularityAngle', 'SingularityDist', 'SingularitySpeed', 'SoftCP', 'VSD',
 )  # fmt: skip
-"""Settings of the robot that have no effect in any host."""
+"""Settings of the robot that are accepted, but have no effect."""
 
 _ROBOT_FORMS = f"""
 @: AbortMotion
@@ -134,19 +134,19 @@ w(High|Low),w(Forced)?: Power
 w(Error)?: Reset
 n*: {' '.join(WITHOUT_EFFECT)}
 """
-"""Statements that are passed to the host."""
+"""Statements that the host executes."""
 
 MOVING = frozenset({'home', 'jtran', 'ptran'})
-"""Statements of the host that move the arm without a target point."""
+"""Statements that the host executes, and that move the arm without a target point."""
 
 SHOWN = {
     **dict.fromkeys(('speed', 'speeds'), ((1, 2, 3),)),
     **dict.fromkeys(('accel', 'accels'), ((1, 2), (3, 4), (5, 6))),  # p69
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
-"""Statements that display values if they have no argument.
+"""Statement without an argument → the lines that it displays.
 
-A line has the values of the function with the same name and these arguments.
+A line has the values of the function with the same name for these arguments.
 """
 
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiles functions to flat lists of instructions, so GoTo and EResume can jump anywhere.
 
-An instruction is a Python function of the frame `v` (v[0] is the task, then parameters, the
-function's value, locals). It returns the number of the next instruction, or WAITING when the task
-itself decides when to continue: after a call, a wait or an end. Such a task resumes at the
-following instruction.
+An instruction is a Python function. Its argument, the list `v`, contains the task, the parameters,
+the function's value, and the local variables. It returns the number of the next instruction, or
+WAITING when the task itself decides when to continue: after a call, a wait or an end. Such a task
+resumes at the following instruction.
 """
 
 import re
@@ -65,7 +65,7 @@ MOTION_VALUES: dict[str, dict[str, tuple[str, ...]]] = {
     'jump3cp': {'ppp': ()},
     'jumptlz': {'pn': ('tlz',)},
 }  # fmt: skip
-"""Arguments of a motion as points (p) and numbers (n), and names of the numbers.
+"""Motion → its possible arguments, as points (p) and numbers (n), with names of the numbers.
 
 Motions that are not listed take one point.
 """
@@ -101,7 +101,7 @@ class Compiler:
         self._leaves: list[tuple[str, int]] = []
 
     def compile(self) -> None:
-        """Fill in the function's code, and the list of problems."""
+        """Fill in the function's FunctionCode, and append to the list of problems."""
         code, function = self._code, self._function
         try:
             for number, parameter in enumerate(function.parameters, 1):
@@ -171,11 +171,11 @@ class Compiler:
         return self._to(mark) if self._labels else '0'
 
     def _begin(self) -> None:
-        """Mark the next instruction as the start of a statement, where EResume continues."""
+        """Mark the next instruction as the start of a statement, where EResume can continue."""
         self._start = len(self._code.source)
 
     def _emit(self, body: str) -> None:
-        """Add an instruction: the lines of a Python function of v."""
+        """Add an instruction, given the body of its Python function."""
         check_depth(body, self._at)
         code = self._code
         lines = '\n '.join(body.split('\n'))
@@ -184,7 +184,6 @@ class Compiler:
         code.starts.append(self._start)
 
     def _fall_through(self, body: str) -> None:
-        """Add an instruction that continues at the next one."""
         self._marks.append(len(self._code.source) + 1)
         self._emit(f'{body}\nreturn {self._to(len(self._marks) - 1)}')
 
@@ -196,7 +195,7 @@ class Compiler:
         self._emit(f'return {self._to(mark)}')
 
     def _leave_block(self, body: Block, end: int) -> None:
-        """Add the jump from a branch to the end of its If or Select, unless it jumps itself."""
+        """Add the jump from a branch to the end of its If or Select, unless the branch jumps."""
         if body and isinstance(body[-1], Exit | Return | EResume):
             return
         self._begin()
@@ -204,7 +203,7 @@ class Compiler:
         self._jump(end)
 
     def _through(self, pc: int) -> int:
-        """Return the target of an instruction that is only a jump."""
+        """Return the instruction at which a jump to `pc` ends, if `pc` is itself only a jump."""
         while pc in self._jumps:  # they all lead forward
             pc = self._marks[self._jumps[pc]]
         return pc
@@ -224,7 +223,7 @@ class Compiler:
         return slot
 
     def _evaluation(self, text: str, reply: str = 'None') -> int:
-        """Add the instructions of Eval, and return the slot of its value."""
+        """Add the instructions of `Eval`, and return the index of its value in `v`."""
         slot = self._slot()
         self._suspend(f'v[0].evaluate({text}, {slot})')
         self._fall_through(f'v[0].reply(v[{slot}], {reply})')
@@ -660,7 +659,7 @@ class Compiler:
         )
 
     def _motion_values(self, motion: Motion) -> tuple[str, str]:
-        """Return the code of a motion's points, with its end last, and of its numbers."""
+        """Return the Python text of a motion's points, the target last, and of its numbers."""
         expressions, name = self._expressions, motion.name.lower()
         if name == 'pulse':
             values = ''.join(f'{expressions.number(item).text}, ' for item in motion.points)
@@ -683,7 +682,7 @@ class Compiler:
         return ''.join(f'{point}, ' for point in points), numbers
 
     def _beside(self, motion: Motion) -> str:
-        """Add the instructions of !…!, with a jump over them, and return their start."""
+        """Add the parallel statements (`!…!`), with a jump over them, and return their start."""
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()
         self._jump(behind)
@@ -711,7 +710,7 @@ class Compiler:
         self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{item}, " for item in codes)}))')
 
     def _stub_argument(self, argument: Argument) -> str:
-        """Return a variable by reference, because the answer may be stored in it, or a value."""
+        """Compile an argument of a statement without simulation, which may set variables."""
         expressions, value = self._expressions, argument.value
         variable = self._scope.variable(value.name) if isinstance(value, Name | Apply) else None
         if variable is None:
@@ -726,7 +725,6 @@ def _spelled(shape: str) -> str:
 
 
 def _gives_value(function: Function) -> bool:
-    """Return whether a function assigns a value to its name."""
     return any(
         isinstance(node, Assign) and node.target.name.lower() == function.name.lower()
         for node in function.nodes
@@ -734,7 +732,6 @@ def _gives_value(function: Function) -> bool:
 
 
 def _form_kind(form: str, number: int) -> str:
-    """Return the kind of an argument in a form of commands.py, such as 'n' or 's'."""
     if form.startswith('@'):
         return 'n'
     kinds = [kind for kind in form.split(',') if not kind.startswith('w(')] or ['n']

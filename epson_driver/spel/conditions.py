@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Conditions of Wait, Till, Sense, Find and Trap: events and whole global variables.
+"""Conditions of Wait, Till, Sense, Find and Trap: inputs, states and shared integer variables.
 
 The controller evaluates them while the task waits. The left side must therefore be available
-without the task. The right side is evaluated once, when the statement starts (SPEL+ p881, p859).
+without the task. The right side is evaluated once, when the statement starts (SPEL+ manual p881,
+p859).
 """
 
 from epson_driver.spel.errors import SyntaxProblem
@@ -31,7 +32,7 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
 
 
 def condition(expression: Expression, expressions: Expressions) -> tuple[str, str]:
-    """Return the code of a condition: lines that run once when it is armed, and its test."""
+    """Compile a condition to Python: lines that run once when it is armed, and the test itself."""
     before: list[str] = []
     test = _test(expression, expressions, before)
     return ''.join(f'{line}\n' for line in before), test
@@ -55,7 +56,7 @@ def _test(expression: Expression, expressions: Expressions, before: list[str]) -
 
 
 def _once(expression: Expression, expressions: Expressions, before: list[str]) -> str:
-    """Add the code that evaluates a whole number once, and return the name of its value."""
+    """Add a line to `before` that evaluates a whole number, and return the name of its value."""
     name = expressions.temporary()
     before.append(f'{name} = {expressions.whole(expression)}')
     return name

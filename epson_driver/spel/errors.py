@@ -69,7 +69,7 @@ class ErrorNumber(IntEnum):
     """Error numbers that the language itself raises.
 
     Numbers from 9990 are specific to this interpreter, because the available documents do not list
-    the controller's. A program must not depend on them.
+    the numbers of a controller. A program must not depend on them.
     """
 
     LOOP_LEFT = 2020
@@ -131,7 +131,7 @@ USER_ERRORS = range(8000, 9000)
 
 
 def meaning(number: int) -> str:
-    """Return the meaning of an error number, without the texts of a project."""
+    """Return the meaning of an error number, without the messages that a project defines."""
     if number in USER_ERRORS:
         return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
     result = load_error_texts('epson').get(number)

@@ -15,7 +15,7 @@ from epson_driver.inputs.rc_files import CRLF, Block, parsed, quoted, sealed
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
 
 RC_VERSIONS = {6: '6.0.0', 7: '7.0.5', 8: '7.0.5'}
-"""Controller's version → version of RC+ for which a project is written."""
+"""Major version of RC+ → exact version for which a project is written."""
 
 _SINCE_7 = {
     'sRCRevision', 'bGlobalsDeclaredEachFile', 'bSimulatorButton', 'bAllowReset', 'bPalletsTab',
@@ -46,7 +46,7 @@ def exported(
 ) -> dict[str, bytes]:
     """Return a project's files by name: `files` and the other files that RC+ needs.
 
-    `files` must be ASCII, `when` a time with its zone. The same arguments give the same bytes.
+    `files` must be ASCII, `when` must have a time zone. The same arguments give the same bytes.
     """
     rc = RC_VERSIONS[version]
     guid = uuid.uuid5(_NAMESPACE, ''.join(f'{item}\n{text}' for item, text in files.items()))
@@ -128,12 +128,10 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
 
 
 def _vision_id(guid: uuid.UUID) -> str:
-    """Return the GUID of a project's vision file, which differs from the project's GUID."""
     return str(uuid.uuid5(guid, 'vis'))
 
 
 def _of_version(rc: str, name: str, text: str, when: datetime) -> str:
-    """Return the text of a data file in the format of its version of RC+."""
     block = parsed(name, text)
     if block.text('sRCVersion') == rc:
         return text
@@ -142,7 +140,6 @@ def _of_version(rc: str, name: str, text: str, when: datetime) -> str:
 
 
 def _known(rc: str, block: Block) -> Block:
-    """Return a block without the items that its version of RC+ does not know."""
     if rc[0] != '6':
         return block
     items = (_known(rc, item) if isinstance(item, Block) else item for item in block.items)
@@ -155,7 +152,6 @@ def _block(name: str, **values: str) -> Block:
 
 
 def _operator_window(rc: str) -> Block:
-    """Return the settings of the operator's window: RC+'s defaults."""
     window = _block(
         'OperatorWindow', sTitle='"Operator Window"', nWinState='0', sFontName='"Courier New"',
         rFontSize='10', bFontBold=_OFF,

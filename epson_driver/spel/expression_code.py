@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Compiles expressions to Python: text, kind of the value, and type checks.
+"""Compiles expressions to Python text, and checks the types of their values.
 
 Functions of the program may wait. They are therefore called by separate instructions before the
 statement that contains the expression. Both sides of And and Or are always evaluated.
@@ -54,11 +54,11 @@ _WORDS = {
     POINT: 'a point',
 }
 _DEEPEST_PYTHON = 90
-"""Maximum nesting of brackets that Python's own compiler must handle."""
+"""Maximum nesting of brackets in the generated Python."""
 
 
 class Code(NamedTuple):
-    """Python text and the kind of its value. `truth`: the equivalent Python condition."""
+    """A compiled expression: its text, the kind of its value, and its text as a condition."""
 
     text: str
     kind: str
@@ -80,7 +80,7 @@ class Expressions:
     """Compiles the expressions of one function to Python.
 
     `call` adds the instruction that calls a function of the program, `evaluate` adds the
-    instructions of Eval. Both return the slot of the value.
+    instructions of `Eval`. Both return the index of the result in `v`.
     """
 
     def __init__(
@@ -104,15 +104,15 @@ class Expressions:
     # Values by kind
 
     def number(self, expression: Expression) -> Code:
-        """Return the code of a number."""
+        """Compile an expression. Raises SyntaxProblem if its value is not a number."""
         return self._expect(expression, NUMBERS, 'a number')
 
     def whole(self, expression: Expression) -> str:
-        """Return the code of a whole number, converted from a real as on assignment."""
+        """Compile a number, and convert a real to a whole number, as an assignment does."""
         return _rounded(self.number(expression))
 
     def ranged(self, name: str, key: str, place: int, value: Expression, code: str) -> str:
-        """Return the code of a number, with a range check unless it is a constant in the range."""
+        """Return `code`, the text of `value`, with a range check unless it is known to pass."""
         ends = limits(key, place)
         if ends is None or code.startswith("'"):  # a task's function
             return code
@@ -124,15 +124,15 @@ class Expressions:
         return f'({number} if {within} else REFUSE({name!r}, {key!r}, {place}, {number}))'
 
     def string(self, expression: Expression) -> str:
-        """Return the code of a string."""
+        """Compile an expression. Raises SyntaxProblem if its value is not a string."""
         return self._expect(expression, (STRING,), 'a string').text
 
     def text_or_number(self, expression: Expression) -> str:
-        """Return the code of a string or a number."""
+        """Compile an expression. Raises SyntaxProblem if its value is a point."""
         return self._expect(expression, (*NUMBERS, STRING), 'a number or a string').text
 
     def point(self, expression: Expression) -> str:
-        """Return the code of a point.
+        """Compile an expression. Raises SyntaxProblem if its value is not a point.
 
         A point label takes precedence over an I/O label with the same name.
         """
@@ -142,7 +142,7 @@ class Expressions:
         return self._expect(expression, (POINT,), 'a point').text
 
     def point_or_number(self, expression: Expression) -> Code:
-        """Return the code of a point, or else of a number."""
+        """Compile an expression. Raises SyntaxProblem if its value is a string."""
         if self._labelled(expression) is not None:
             return Code(self.point(expression), POINT)
         return self._expect(expression, (POINT, *NUMBERS), 'a point or a number')
@@ -159,12 +159,12 @@ class Expressions:
         return code
 
     def truth(self, expression: Expression) -> str:
-        """Return the code of a condition, as a Python condition."""
+        """Compile a number to a Python condition."""
         code = self.number(expression)
         return code.truth or code.text
 
     def as_type(self, expression: Expression, type_name: str) -> str:
-        """Return the code of a value, converted to the type of a variable."""
+        """Compile an expression, and convert its value to the type of a variable."""
         target = TYPES[type_name]
         fixed = constant(expression, self.scope.constants)
         code = self.value(expression)
@@ -181,7 +181,7 @@ class Expressions:
         return self._converted(code, type_name)
 
     def _note(self, expression: Expression, code: Code, type_name: str) -> None:
-        """Add a warning for a value that may change in the conversion."""
+        """Add a warning if the conversion to `type_name` may change the value."""
         target = TYPES[type_name]
         if target.kind != INT or type_name == 'boolean':
             return
@@ -224,7 +224,7 @@ class Expressions:
     # Variables
 
     def read(self, variable: Variable) -> Code:
-        """Return the code of a variable's value."""
+        """Compile the value of a variable."""
         kind = TYPES[variable.type].kind
         place = f'{variable.place}[{variable.slot}]'
         if variable.by_reference:
@@ -232,7 +232,7 @@ class Expressions:
         return Code(place, kind, checked=kind in (DOUBLE, STRING))
 
     def array(self, argument: Argument) -> tuple[str, str]:
-        """Return the code of a whole array and its type. Raises SyntaxProblem."""
+        """Compile a whole array, and return its type, too. Raises SyntaxProblem if it is none."""
         value = argument.value
         variable = self.scope.variable(value.name) if isinstance(value, Name) else None
         if variable is None or not variable.array:
@@ -240,7 +240,7 @@ class Expressions:
         return f'{variable.place}[{variable.slot}]', variable.type
 
     def _element(self, variable: Variable, target: Apply) -> tuple[str, str]:
-        """Return the code of an array's list, and of the index of an element in it."""
+        """Return the Python text of an array's list, and of an element's index in it."""
         array = f'{variable.place}[{variable.slot}]'
         dimensions = len(variable.bounds)
         indices = target.arguments
@@ -263,7 +263,7 @@ class Expressions:
         return f'{array}.d', f'{name} if ({name} := {index}) >= 0 else INDEX({name})'
 
     def place(self, target: Target) -> tuple[str, str]:
-        """Return the code of an assignment target, and its type."""
+        """Return the Python text of an assignment target, and its type."""
         variable = self._stored_in(target)
         if isinstance(target, Apply):
             container, index = self._element(variable, target)
@@ -271,7 +271,7 @@ class Expressions:
         return self.read(variable).text, variable.type
 
     def reference(self, target: Target) -> tuple[str, str]:
-        """Return the code of the pair (list, index) that stores a variable, and its type."""
+        """Return the Python text of the pair (list, index) of a variable, and its type."""
         variable = self._stored_in(target)
         if isinstance(target, Apply):
             container, index = self._element(variable, target)
@@ -282,7 +282,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the code of a variable that a statement stores into, and its type."""
+        """Return the Python text of the Reference to a variable that is set, and its type."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)
@@ -303,7 +303,7 @@ class Expressions:
     # Expressions
 
     def value(self, expression: Expression) -> Code:
-        """Return the code of any expression."""
+        """Compile an expression of any type."""
         if isinstance(expression, Number):
             if isinstance(expression.value, int):
                 return Code(str(expression.value), INT)
@@ -401,7 +401,7 @@ class Expressions:
         return self._function(name, (), expression.at)
 
     def point_number(self, name: str) -> str | None:
-        """Return the code of the number of P1, a label, or P and a variable (p345), or None."""
+        """Return the Python text of a point's number (P1, a label, `Pi` for `P(i)`), or None."""
         if is_point_literal(name):
             return str(int(name[1:]))
         if (labelled := self.scope.point_number(name)) is not None:
@@ -412,7 +412,7 @@ class Expressions:
         return self.read(variable).text
 
     def which_point(self, expression: Expression) -> str:
-        """Return the code of a point's number, for P1, P(i), a label, its text, or a number."""
+        """Compile the number of a point: P1, P(i), a label, a string with a label, or a number."""
         if isinstance(expression, Name):
             number = self.point_number(expression.name)
             if number is not None and self.scope.variable(expression.name) is None:
@@ -456,7 +456,7 @@ class Expressions:
         return self._built_in(rule, arguments, at)
 
     def note_stub(self, name: str, at: Position) -> None:
-        """Add a note that a word of SPEL+ is not simulated."""
+        """Add a warning that the word `name` of SPEL+ is not simulated."""
         text = f'{name} is not simulated: to run it, {to_add("stubs", f"{name}: RESULT")}'
         self.notes.append(Problem(at, 'not-simulated', text, warning=True))
 
@@ -467,7 +467,7 @@ class Expressions:
         return Code(f'v[0].ask({name!r}, ({codes}), {kind!r})', kind)
 
     def stub_argument(self, argument: Argument) -> str:
-        """Return the code of an argument. An unknown name is a vision sequence or a window."""
+        """Compile an argument. An unknown name (vision sequence or window) becomes a string."""
         value = argument.value
         if argument.whole_array:
             return self.array(argument)[0]
@@ -552,7 +552,7 @@ class Expressions:
         arguments: tuple[Argument, ...],
         at: Position,
     ) -> str:
-        """Return the code of the arguments of a call. Raises SyntaxProblem."""
+        """Compile the arguments of a call. Raises SyntaxProblem if they do not fit."""
         if len(parameters) != len(arguments):
             text = f'{name} takes {len(parameters)} arguments, not {len(arguments)}'
             raise SyntaxProblem(at, text, 'arguments')

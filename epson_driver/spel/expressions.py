@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Expressions of SPEL+, by precedence: ( ) ** * / Mod + - = <> < > Not And Or Xor."""
+"""Parses expressions of SPEL+. Precedence: `( )`, `** * / Mod + - = <> < > Not And Or Xor`."""
 
 from collections.abc import Container
 
@@ -107,7 +107,7 @@ class Reader:
         return token
 
     def wrong(self, expected: str) -> SyntaxProblem:
-        """Return the problem that another token was expected."""
+        """Return the SyntaxProblem for a next token that is not the `expected` one."""
         token = self.here
         result = token.text[:40] or token.kind
         return SyntaxProblem(token.position, f'expected {expected}, found {result}')
@@ -122,7 +122,7 @@ class Reader:
             raise self.wrong('the end of the statement')
 
     def sees(self, *texts: str) -> bool:
-        """Return whether the next token is one of these names or signs."""
+        """Return whether the next token is one of these names or signs, without reading it."""
         token = self.here
         return token.kind in (NAME, SYMBOL) and token.lower in texts
 
@@ -134,19 +134,19 @@ class Reader:
         return False
 
     def need(self, text: str) -> Token:
-        """Read this name or sign. Raises SyntaxProblem if the next token is another one."""
+        """Read the name or sign `text`. Raises SyntaxProblem if the next token is another one."""
         if not self.sees(text):
             raise self.wrong('a comma' if text == ',' else text)
         return self.step()
 
     def name(self, what: str) -> Token:
-        """Read any name."""
+        """Read any name. Raises SyntaxProblem, which mentions `what`, for another token."""
         if self.here.kind != NAME:
             raise self.wrong(what)
         return self.step()
 
     def expression(self) -> Expression:
-        """Read an expression."""
+        """Parse an expression."""
         self._depth += 1
         if self._depth > DEEPEST:
             raise SyntaxProblem(
@@ -157,18 +157,18 @@ class Reader:
         return read
 
     def expressions(self) -> tuple[Expression, ...]:
-        """Read expressions separated by commas."""
+        """Parse expressions separated by commas."""
         read = [self.expression()]
         while self.takes(','):
             read.append(self.expression())
         return tuple(read)
 
     def optional(self, *ends: str) -> Expression | None:
-        """Read an expression. Return None at the statement's end or before one of these words."""
+        """Parse an expression. Return None at the statement's end or before a word in `ends`."""
         return None if self.at_end() or self.sees(*ends) else self.expression()
 
     def _binary(self, lowest: int) -> Expression:
-        """Read operands with operators of the level `lowest` and above, by precedence climbing."""
+        """Parse operands with operators of at least the level `lowest`, by precedence climbing."""
         if lowest <= _NOT and self.sees('not'):
             token = self.step()
             self._deeper()
@@ -186,7 +186,6 @@ class Reader:
         return left
 
     def _level(self) -> int:
-        """Return the level of the operator that is the next token, or -1."""
         token = self.here
         return _LEVEL.get(token.lower, -1) if token.kind in (NAME, SYMBOL) else -1
 
@@ -198,7 +197,7 @@ class Reader:
             )
 
     def _point(self) -> Expression:
-        """Read an operand with any point modifiers: :Z(0), +TLZ(10), /L, @1 (p592)."""
+        """Parse an operand, and any changes of a point: `:Z(0)`, `+TLZ(10)`, `/L`, `@1`."""
         left = self._operand()
         while True:
             token, after = self.here, self.look(1)
@@ -220,7 +219,6 @@ class Reader:
                 raise SyntaxProblem(self.here.position, 'the expression is too long: split it')
 
     def _flag(self, point: Expression, sign: Token) -> Expression:
-        """Read a posture, or a local: /2, /(i), @2."""
         mark = '@' if sign.text == '@' else ''
         if self.sees('('):
             return PointFlag(point, mark, sign.position, self._in_brackets())
@@ -275,7 +273,7 @@ class Reader:
         raise self.wrong('a value')
 
     def arguments(self) -> tuple[Argument, ...]:
-        """Read ( … ) with its arguments."""
+        """Parse arguments in brackets."""
         self.need('(')
         self._deeper()
         if self.takes(')'):
@@ -289,7 +287,7 @@ class Reader:
         return tuple(read)
 
     def argument(self) -> Argument:
-        """Read one argument, including ByRef and a()."""
+        """Parse one argument, including `ByRef a` and `a()`."""
         by_reference = self.takes('byref')
         if not by_reference:
             self.takes('byval', '#')
@@ -302,7 +300,7 @@ class Reader:
         return Argument(self.expression(), by_reference)
 
     def target(self) -> Target:
-        """Read a variable or array element as the target of an assignment."""
+        """Parse a variable or array element as the target of an assignment."""
         token = self.name('a variable')
         if self.sees('('):
             return Apply(token.text, self.arguments(), token.position)

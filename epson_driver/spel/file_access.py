@@ -22,7 +22,7 @@ def is_file(number: float) -> bool:
 
 
 def opened(task: Task, name: str, number: int) -> OpenFile:
-    """Return an open file. Raises SpelError."""
+    """Return an open file. Raises SpelError if no file with this number is open."""
     result = task.world.open_files.get(number)
     if result is None:
         raise bad(name, f'file {number} is not open')
@@ -30,7 +30,7 @@ def opened(task: Task, name: str, number: int) -> OpenFile:
 
 
 def _open(mode: str) -> Callable[[Task, str, int], None]:
-    """Return AOpen (appends), ROpen (reads) or WOpen (empties the file)."""
+    """Return the function of `AOpen` (appends), `ROpen` (reads) or `WOpen` (empties the file)."""
 
     def run(task: Task, name: str, number: int) -> None:
         if number in task.world.open_files:
@@ -48,20 +48,20 @@ def _open(mode: str) -> Callable[[Task, str, int], None]:
 
 
 def close(task: Task, number: float) -> None:
-    """Flush and close an open file (Close #number)."""
+    """Execute `Close #n`: flush and close an open file."""
     flush(task, number)
     del task.world.open_files[nearest(number)]
 
 
 def flush(task: Task, number: float) -> None:
-    """Write the content of an open file to the disk (Flush #number)."""
+    """Execute `Flush #n`: write the content of an open file to the disk."""
     file = opened(task, 'Flush', nearest(number))
     if not file.reads:
         task.world.files.write(file.name, bytes(file.data))
 
 
 def write(task: Task, name: str, number: int, data: bytes) -> None:
-    """Write bytes to a file. Raises SpelError."""
+    """Write bytes to a file. Raises SpelError if it is open for reading, or becomes too large."""
     file = opened(task, name, number)
     if file.reads:
         raise bad(name, f'file {number} is open for reading')
@@ -73,7 +73,10 @@ def write(task: Task, name: str, number: int, data: bytes) -> None:
 
 
 def read(task: Task, name: str, number: int, count: int | None) -> bytes:
-    """Return the next bytes of a file, or its next line without its end. Raises SpelError."""
+    """Return the next `count` bytes of a file, or (None) its next line without the line end.
+
+    Raises SpelError at the end of the file, or if it is not open for reading.
+    """
     file = opened(task, name, number)
     if not file.reads:
         raise bad(name, f'file {number} is open for writing')

@@ -21,7 +21,7 @@ MAX_BYTES = 20_000_000
 """Maximum bytes that a program may write in total."""
 
 _PROJECT = ('.prg', '.inc', '.sprj', 'iolabels.dat', 'usererrors.dat', 'macros.dat')
-"""Name endings of project files that no program may write to, in lower case."""
+"""Endings, in lower case, of project files that a program cannot write."""
 
 
 def _bad(text: str) -> SpelError:
@@ -29,13 +29,12 @@ def _bad(text: str) -> SpelError:
 
 
 def no_file(name: str) -> SpelError:
-    """Return the error for a file that does not exist (p282)."""
+    """Return the error for a file that does not exist (SPEL+ manual p282)."""
     return SpelError(ErrorNumber.NO_SUCH_FILE, printable(f'there is no file {name}'))
 
 
 @contextmanager
 def _reported(name: str) -> Iterator[None]:
-    """Convert errors of the system to SpelError."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -56,11 +55,11 @@ class Files:
         self._folders: set[str] = set()
 
     def fresh(self) -> 'Files':
-        """Return the original files without anything written, in memory only."""
+        """Return a copy without the written files. It keeps new files in memory only."""
         return Files(self._folder)
 
     def path(self, name: str) -> str:
-        """Return the key of a path: in lower case, with /."""
+        """Return a path in the form used as a key: in lower case, with `/`."""
         return '/'.join(self._parts(name)).lower()
 
     def _parts(self, name: str) -> list[str]:
@@ -84,7 +83,7 @@ class Files:
             return read_file(there, MAX_BYTES)
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file. Raises SpelError."""
+        """Write a file. Raises SpelError if this fails, is not allowed, or exceeds MAX_BYTES."""
         key = self.path(name)
         others = sum(len(item) for path, item in self._written.items() if item and path != key)
         if others + len(content) > MAX_BYTES:
@@ -95,7 +94,7 @@ class Files:
         self._written[key] = content
 
     def delete(self, name: str) -> None:
-        """Delete a file. Raises SpelError."""
+        """Delete a file. Raises SpelError if it does not exist, or if this fails."""
         if self.read(name) is None:
             raise no_file(name)
         key = self.path(name)
@@ -105,7 +104,7 @@ class Files:
         self._written[key] = None
 
     def make_folder(self, name: str) -> None:
-        """Create a folder. Raises SpelError."""
+        """Create a folder. Raises SpelError if it exists, or if this fails."""
         if self.has_folder(name):
             raise _bad(f'folder {name} already exists')
         key = self.path(name)
@@ -123,7 +122,7 @@ class Files:
         return there is not None and there.is_dir()
 
     def _there(self, key: str) -> Path | None:
-        """Return the path of a file or folder in the folder, ignoring case, or None."""
+        """Return the path of `key` in the program's folder, ignoring case. None if missing."""
         if self._folder is None or not self._folder.is_dir():
             return None
         place = self._folder
@@ -135,7 +134,7 @@ class Files:
         return place
 
     def _target(self, name: str, key: str) -> Path:
-        """Return the path to write to, which must be in the folder. Raises SpelError."""
+        """Return the path to write to. Raises SpelError if writing there is not allowed."""
         text = name.replace('\\', '/')
         if key.endswith(_PROJECT):
             raise _bad(f'{name}: files of the project are read-only')
@@ -156,13 +155,14 @@ def _inside(place: Path) -> list[Path]:
 
 
 Answer = int | float | str | None | list[int | float | str]
-"""Values for the variables of a statement, the value of a function, or nothing."""
+"""A stub answer: values for a statement's variables, a function's value, or nothing."""
 
 
 class Stubs:
-    """Stub answers by word, or by word and first argument (`VGet find.Geom01.RobotXYU`).
+    """Answers to words that are not simulated, by word, or by word and first argument.
 
-    The answers of a word are used in turn, and the last one repeats.
+    Such a key is `VGet find.Geom01.RobotXYU`. The answers of a key are used in turn, and the last
+    one repeats.
     """
 
     def __init__(self, answers: Mapping[str, Sequence[Answer]]) -> None:
@@ -170,7 +170,7 @@ class Stubs:
         self._given: dict[str, int] = {}
 
     def answer(self, name: str, arguments: Sequence[object]) -> Answer:
-        """Return the next answer. Raises SpelError if none exists."""
+        """Return the next answer to a word. Raises SpelError if it has no answer."""
         keys = [name.lower()]
         if arguments:
             keys.insert(0, f'{keys[0]} {arguments[0]}'.lower())
@@ -195,9 +195,9 @@ class ProgramEnvironment:
     files: Files = field(default_factory=Files)
 
     def fresh(self) -> 'ProgramEnvironment':
-        """Return a copy with the original files."""
+        """Return a copy whose files are the original ones."""
         return replace(self, files=self.files.fresh())
 
     def new_stubs(self) -> Stubs:
-        """Return the stub answers, with none used yet."""
+        """Return the stub answers, starting with the first ones."""
         return Stubs(self.answers)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Poses: tool offsets, rotations, frames of Local (p592), Pallets (p596-602)."""
+"""Calculations with poses: offsets, rotations, locals, pallets (SPEL+ manual p592-602)."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,11 +17,11 @@ _BASE_U = 'baseu'
 PLACES = 9
 """Decimals of computed coordinates, in mm and degrees."""
 MAX_PLACES = 32_767
-"""Maximum number of places of a pallet."""
+"""Maximum of the columns and of the rows of a pallet. Their product is lower."""
 
 
 def changed(point: Point, operator: str, axis: str, value: float) -> Point:
-    """Return a point with a coordinate set (:) or moved (+, -). Raises SpelError."""
+    """Return a point with a coordinate set (`:`) or moved (`+`, `-`), or raise SpelError."""
     if point.kind != 'xy' or (axis in AXES and AXES.index(axis) >= len(point.values)):
         raise SpelError(ErrorNumber.ARGUMENT, f'the point has no coordinate {axis.upper()}')
     if axis in AXES:
@@ -44,7 +44,7 @@ def changed(point: Point, operator: str, axis: str, value: float) -> Point:
 
 
 def added(left: Point, right: Point, sign: float = 1.0) -> Point:
-    """Return P1 + P2, or P1 - P2 (p593), by coordinate, with posture and local of the first."""
+    """Return P1 + P2, or P1 - P2, by coordinate (SPEL+ manual p593), with the flags of P1."""
     if left.kind != 'xy' or right.kind != 'xy':
         raise SpelError(ErrorNumber.ARGUMENT, '+ and - need positions in space')
     values = (a + sign * b for a, b in zip(left.values, right.values, strict=True))
@@ -52,9 +52,9 @@ def added(left: Point, right: Point, sign: float = 1.0) -> Point:
 
 
 def combined(frame: Point, point: Point) -> Point:
-    """Transform a point from a frame to the coordinates of the frame itself.
+    """Transform a point from `frame` to the coordinate system in which `frame` is given.
 
-    The flags are those of the frame.
+    The result has the flags of `frame`.
     """
     turn = _matrix(frame)
     moved = [
@@ -65,7 +65,7 @@ def combined(frame: Point, point: Point) -> Point:
 
 
 def within(frame: Point, point: Point) -> Point:
-    """Transform a point from the coordinates of a frame into the frame, with its own flags."""
+    """Transform a point into `frame`, from the coordinate system in which `frame` is given."""
     back = tuple(zip(*_matrix(frame), strict=True))
     away = [point.values[k] - frame.values[k] for k in range(3)]
     moved = [sum(back[row][k] * away[k] for k in range(3)) for row in range(3)]
@@ -74,12 +74,12 @@ def within(frame: Point, point: Point) -> Point:
 
 
 def local_of(point: Point) -> int:
-    """Return the number of a point's local."""
+    """Return the number of the local (coordinate system) of a point."""
     return next((int(flag) for flag in reversed(point.flags) if flag.isdigit()), 0)
 
 
 def in_local(point: Point, number: int, locals_: Mapping[int, Point]) -> Point:
-    """Return a point converted to another local (@n). Raises SpelError 7007."""
+    """Return a point converted to Local `number`. Raises SpelError 7007 for an undefined local."""
     world = in_world(point, locals_)
     if number:
         world = within(_frame(number, locals_), world)
@@ -87,7 +87,7 @@ def in_local(point: Point, number: int, locals_: Mapping[int, Point]) -> Point:
 
 
 def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
-    """Return a point in Local 0. Raises SpelError 7007 for a local that is not defined."""
+    """Return a point converted to Local 0. Raises SpelError 7007 if its local is not defined."""
     number = local_of(point)
     flags = tuple(flag for flag in point.flags if not flag.isdigit())
     if not number or point.kind != 'xy':
@@ -97,7 +97,7 @@ def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
 
 
 def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
-    """Return a step along the axes of its local, converted to Local 0 (p163)."""
+    """Return a step along the axes of its local as a step in Local 0 (SPEL+ manual p163)."""
     number = local_of(step)
     flags = tuple(flag for flag in step.flags if not flag.isdigit())
     if not number or step.kind != 'xy':
@@ -117,9 +117,10 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
 
 
 def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
-    """Return the frame of an origin and points on X and Y. `axis` passes through its point.
+    """Return the frame given by its origin, a point on X and a point on Y, or by one pose.
 
-    A single point is the frame itself. Raises SpelError that names the statement.
+    The axis `axis` passes exactly through its point. Raises SpelError, with the statement's
+    `name`, if the points do not define a frame.
     """
     if any(point.kind != 'xy' for point in points) or len(points) not in (1, 3):
         raise bad(name, 'takes a place, or an origin and points on X and Y')
@@ -143,11 +144,12 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
 def frame_between(
     pairs: Sequence[tuple[Point, Point]], fraction: float, base_u: bool = False
 ) -> Point:
-    """Return the frame that maps two points of a local to two points of the base (p514).
+    """Return the frame that maps two points of a local to two points in Local 0.
 
-    If their distances differ, the frame is exact at `fraction` of the way between them. `base_u`:
-    the U of its points changes by the difference between the base's two and the local's two U
-    values (p515). The frame's U and a seventh value store this difference.
+    `pairs`: a point in the local and its point in Local 0 (SPEL+ manual p514). If the distances
+    differ, the frame is exact at `fraction` of the line between the points. With `base_u`, the U
+    of points changes by the difference of U in the pairs, interpolated at `fraction` (p515). A
+    seventh value stores its difference from the frame's own rotation.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
@@ -185,7 +187,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return the rotation of orientations in a frame. With BaseU the axes have another one."""
+    """Return the rotation of orientations in a frame. With BaseU it differs from the axes."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]
@@ -223,9 +225,10 @@ def _values(place: Sequence[float], turn: Sequence[Sequence[float]]) -> tuple[fl
 
 @dataclass(frozen=True, slots=True)
 class Pallet:
-    """One pallet. `corners`: the first, the end of its row, the end of its column, the opposite.
+    """A pallet. `corners`: the first position, the ends of its row and its column, the opposite.
 
-    With `outside`, columns and rows beyond the pallet are allowed.
+    The opposite corner may be missing. With `outside`, columns and rows beyond the pallet are
+    allowed.
     """
 
     corners: tuple[Point, ...]
@@ -234,10 +237,10 @@ class Pallet:
     outside: bool
 
     def place(self, number: int, position: int, row: int | None) -> Point:
-        """Return a position by its number, from 1 along the first row, or by column and row.
+        """Return the position number `position` along the rows, or column `position` of row `row`.
 
-        The orientation is the orientation of the first corner. `number` is the pallet number, for
-        the error. Raises SpelError.
+        All numbers start at 1. The orientation is taken from the first corner. Raises SpelError,
+        with the pallet's `number`, if the position does not exist.
         """
         if row is None:
             column, row = (position - 1) % self.columns + 1, (position - 1) // self.columns + 1
@@ -263,7 +266,7 @@ class Pallet:
 
 
 def new_pallet(corners: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
-    """Return a pallet between corners in space. Raises SpelError."""
+    """Return a pallet. Raises SpelError if a corner is not a pose, or the size is invalid."""
     for name, count in (('columns', columns), ('rows', rows)):
         if not 1 <= count <= MAX_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{MAX_PLACES}')

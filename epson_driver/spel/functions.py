@@ -3,10 +3,10 @@
 """All functions as one table: evaluation, arguments, result, names.
 
 Arguments: `n` a number, `i` a whole number, `s` a string, `x` either, `p` a point, `q` the number
-of a point (P1, its label), `a` an array, `v` a variable, `t` a task
-(its number or a function's name). `?` marks an optional argument. Results: `i`, `n` (a Double),
-`f` (a Real), `s`, `p`, and `=` for the kind of the first argument. A condition of Wait, Till or
-Trap may use the functions with a star.
+of a point (P1, its label), `a` an array, `v` a variable, `t` a task (its number or a function's
+name). `?` marks an optional argument. Results: `i`, `n` (a Double), `f` (a Real), `s`, `p`, and
+`=` for the kind of the first argument. `*` after a name: a condition of Wait, Till or Trap may use
+the function.
 """
 
 from collections.abc import Iterator
@@ -17,10 +17,10 @@ from epson_driver.spel.words import FIRST, WORDS
 
 @dataclass(frozen=True, slots=True)
 class FunctionRule:
-    """One function.
+    """One function. `by` determines its evaluation.
 
-    `by` 'value' is evaluated from its arguments alone (library.py), 'task' by the interpreter
-    (builtins.py), 'host' by `Host.value(name, arguments)`. 'call' takes time of the task, like a
+    'value': from its arguments alone (library.py). 'task': by the interpreter (builtins.py).
+    'host': by `Host.value(name, arguments)`. 'call': by instructions that take time, like a
     function of the program.
     """
 
@@ -32,7 +32,7 @@ class FunctionRule:
 
     @property
     def since(self) -> int:
-        """The first version that has it."""
+        """First version that has the function."""
         word = WORDS.get(self.name.lower())  # P( ) has no word
         return word.since[0] if word is not None else FIRST[0]
 
@@ -123,7 +123,7 @@ STUB_RESULTS = {
     }.items()
     for name in names.split()
 }
-"""Result of each function that only a test can answer. Others return a whole number."""
+"""Kind of the result of functions that are not simulated. Unlisted ones return a whole number."""
 
 AXES = ('x', 'y', 'z', 'u', 'v', 'w', 'r', 's', 't', 'st')
 TURNS = ('rx', 'ry', 'rz')
@@ -142,13 +142,13 @@ POINT_FLAGS = frozenset(flag for flags in POSTURES.values() for flag in flags)
 
 
 def subject(flag: str) -> str:
-    """Return the property that a flag of a point sets. A point has only one flag for each."""
+    """Return the property that a point's flag sets. A point has one flag for each property."""
     if flag.isdigit():
         return 'local'
     return next((name for name, flags in POSTURES.items() if flag in flags), flag[:3])
 
 
 def counts(arguments: str) -> tuple[int, int]:
-    """Return the minimum and maximum number of arguments of a function."""
+    """Return the minimum and maximum number of arguments in a row of the table."""
     kinds = arguments.split(',') if arguments else []
     return sum(not kind.endswith('?') for kind in kinds), len(kinds)

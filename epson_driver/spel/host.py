@@ -34,15 +34,13 @@ class Completion(Protocol):
     def fraction(self) -> float:
         """Return the completed fraction of the path, 0 to 1.
 
-        It is -1 in a jump before its move across, so that the statements of !…! wait.
+        It is -1 in a Jump until the horizontal move starts, so that parallel statements (`!…!`) do
+        not start during the lift.
         """
 
     @property
     def done(self) -> bool:
-        """Return whether the statement is over.
-
-        With CP it is over when the deceleration starts.
-        """
+        """Return whether the statement is complete. With `CP`, whether deceleration started."""
 
     @property
     def error(self) -> SpelError | None:
@@ -51,7 +49,7 @@ class Completion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NetSettings:
-    """Settings of SetNet, with line terminator and send and receive timeout, s."""
+    """Settings of a port (`SetNet`). `timeout` is for sending and receiving, s."""
 
     host: str
     tcp_port: int
@@ -64,14 +62,16 @@ class MotionRequest:
     """A statement that moves the arm.
 
     name: in lower case ('go', 'move', …). points: its targets in order. cp: whether it may blend
-    into the next one.
-    till: the arm decelerates once it returns True, and the statement ends without an error. The
-    host evaluates it at each scan, and ends the motion with any SpelError that it raises.
-    find: the position of the arm is stored when it first returns True. sense: a Jump ends above
-    its target if it returns True there.
-    words: other modifiers ('rot'). numbers: the values of 'c', 'limz' (mm), 'ljm' and
-    'performmode', of the arch 'depart' and 'approach' (mm), of an arc 'angle' (degrees), 'radius'
-    (mm), 'path' and 'direction' (p104), of JumpTLZ 'tlz' (mm).
+    into the next motion. words: other modifiers ('rot').
+
+    till: once it returns True, the arm decelerates, and the statement ends without an error. The
+    host evaluates it at each scan, and ends the motion with any SpelError that it raises. find:
+    the position of the arm is stored when it first returns True. sense: a Jump ends above its
+    target if it returns True there.
+
+    numbers: the values of 'c' (number of the arch), 'limz' (mm), 'ljm' and 'performmode'. Of an
+    arch: 'depart' and 'approach' (mm). Of an arc: 'angle' (degrees), 'radius' (mm), 'path' and
+    'direction' (SPEL+ manual p104). Of JumpTLZ: 'tlz' (mm).
     """
 
     name: str
@@ -114,7 +114,7 @@ class Network(Protocol):
     """Ports 201 to 216 of SPEL+. The interpreter checks which task may use a port."""
 
     def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
-        """Listen or connect, without waiting for the peer. Raises SpelError."""
+        """Listen or connect, without waiting for the peer. Raises SpelError if this fails."""
 
     def close_net(self, port: int) -> None:
         """Close a port if it is open."""
@@ -129,20 +129,20 @@ class Network(Protocol):
         """Return the unread received bytes, even after the peer has disconnected."""
 
     def take(self, port: int, count: int) -> bytes:
-        """Remove and return the first received bytes."""
+        """Remove and return the first `count` received bytes."""
 
     def send(self, port: int, data: bytes) -> None:
-        """Send. Raises SpelError 2902 if the peer has disconnected."""
+        """Send `data`. Raises SpelError 2902 if the peer has disconnected."""
 
 
 class Bits(Protocol):
     """Inputs, outputs and memory bits."""
 
     def read_bits(self, memory: Memory, index: int, width: int) -> int:
-        """Return bit (width 1), byte (8) or word (16) number `index`. Raises SpelError."""
+        """Return bit (width 1), byte (8) or word (16) `index`. Raises SpelError if missing."""
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set bit, byte or word number `index`. Raises SpelError."""
+        """Set bit, byte or word `index`. Raises SpelError if missing."""
 
 
 class Robot(Protocol):
@@ -151,7 +151,7 @@ class Robot(Protocol):
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         """Return the value of a function ('agl', 'realpls', 'ctrlinfo', 'cx', …, in lower case).
 
-        True is -1 or 1, depending on the function. Raises SpelError.
+        True is -1 or 1, depending on the function. Raises SpelError if the controller refuses it.
         """
 
     def command(
@@ -159,14 +159,14 @@ class Robot(Protocol):
     ) -> Completion | None:
         """Execute a statement by its name in lower case ('motor', 'power', 'speed', 'reset', …).
 
-        This includes 'quit all', which resets Speed, Accel and others to their initial values and
-        sets low power, and 'startmain', which precedes the start of main and may be refused.
-        `words` are the statement's keywords in lower case ('on', 'high'). None: it is complete.
-        Raises SpelError.
+        Returns the operation to wait for, or None if the statement is complete. `words` are its
+        keywords in lower case ('on', 'high'). 'quit all' resets Speed, Accel and others to their
+        initial values and sets low power. 'startmain' precedes the start of main. Raises SpelError
+        if the controller refuses the statement.
         """
 
     def move(self, request: MotionRequest) -> Completion:
-        """Start a motion. Raises SpelError (4031: motors off, 4001: out of range, …)."""
+        """Start a motion. Raises SpelError if refused, for example 4001 if it is out of range."""
 
     def stored_point(self, point: Point) -> Point:
         """Return a point as stored in P0, P1, …: angles and pulses become a pose."""
@@ -186,16 +186,16 @@ class Host(Bits, Robot, Protocol):
     def call_library(
         self, library: str, name: str, arguments: Sequence[Value | Array]
     ) -> int | float:
-        """Call a function of a DLL. Raises SpelError 2473.
+        """Call a function of a DLL. Raises SpelError 2473 if the library is not available.
 
-        Arrays may be written to. A ByRef argument is passed as an array of one element.
+        The function may write to arrays. A ByRef argument is passed as an array of one element.
         """
 
     def task_failed(self, error: TaskError) -> None:
         """Record that a task ended with an unhandled error."""
 
     def paused(self, on: bool) -> None:
-        """Record that a program requested Pause, or Cont (False).
+        """Record that a program executed `Pause` (`on` is True) or `Cont` (False).
 
         After Cont the host resumes the tasks (`Machine.resume`) as soon as it can.
         """

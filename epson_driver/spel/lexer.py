@@ -52,7 +52,7 @@ class Token:
 
 
 def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
-    """Return the tokens of a line without its comment. Raises SyntaxProblem."""
+    """Return the tokens of a line without its comment. Raises SyntaxProblem if it is invalid."""
     if len(text) > LONGEST_LINE:
         where = Position(file, line, LONGEST_LINE)
         raise SyntaxProblem(where, 'the line is too long: RC+ takes 512 characters', 'line-length')

@@ -28,7 +28,7 @@ def text_of(value: object, kind: str) -> str:
 
 
 def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return the text of a number. A large or small one has the form 1.000000E+014 (p795)."""
+    """Return the text of a number, such as 1.000000E+014 if it is large (SPEL+ manual p795)."""
     text = f'{value:.{digits}g}'
     if abs(value) < 1e14 and 'e' not in text:
         return text
@@ -37,14 +37,14 @@ def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
 
 
 def _string(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return Str$. A whole number that exceeds Long is converted like a Real (p795)."""
+    """Return `Str$`. A whole number that exceeds Long has 7 digits, like a Real."""
     if isinstance(value, int) and abs(value) < 1 << 31:
         return str(value)
     return number_text(float(value), REAL_DIGITS if isinstance(value, int) else digits)
 
 
 def power(base: float, exponent: float) -> float:
-    """Return base ** exponent, always a Double. Raises SpelError."""
+    """Return base ** exponent, always a Double. Raises SpelError if it is not finite or real."""
     try:
         result: float | complex = float(base) ** float(exponent)
     except OverflowError:
@@ -55,7 +55,7 @@ def power(base: float, exponent: float) -> float:
 
 
 def remainder(left: int, right: int) -> int:
-    """Return Mod: with the sign of the left operand, like in C."""
+    """Return `left Mod right`, with the sign of `left`, like in C."""
     if right == 0:
         raise ZeroDivisionError
     rest = abs(left) % abs(right)
@@ -66,7 +66,7 @@ _LARGEST_LONG, _LARGEST_UINT32 = 0x7FFF_FFFF, 0xFFFF_FFFF
 
 
 def _on_bits(change: Callable[[int, int], int]) -> Callable[..., int]:
-    """Return a function that changes the 32 bits of a number, and returns a Long or a UInt32."""
+    """Return a function that applies `change` to 32 bits, with a Long or a UInt32 as result."""
 
     def changed(value: int, number: int, unsigned: bool = False) -> int:
         if not ~_LARGEST_LONG <= value <= _LARGEST_UINT32:
@@ -102,7 +102,7 @@ def _find(text: str, part: str) -> int:
 
 
 def value_of(text: str) -> float:
-    """Return the number at the start of a text, or 0 if there is none. Raises SpelError."""
+    """Return the number at the start of a text, or 0. Raises SpelError if it exceeds Double."""
     result = _NUMBER.match(text)
     if result is None:
         return 0.0
@@ -126,12 +126,12 @@ _DATES = ('%Y/%m/%d %H:%M:%S', '%Y/%m/%d', '%H:%M:%S')
 
 
 def format_string(value: float | str, pattern: str) -> str:
-    """Return FmtStr$ of a number, or of a date and time as in Date$ and Time$ (p340)."""
+    """Return `FmtStr$` of a number, or of a date or time in the form of `Date$` or `Time$`."""
     return _date(value, pattern) if isinstance(value, str) else _format(value, pattern)
 
 
 def _date(text: str, pattern: str) -> str:
-    """Return a date by y, m, d, h, n (minutes), s, w (1 is Sunday), q and AM/PM."""
+    """Format a date by y, m, d, h, n (minutes), s, w (weekday, 1 is Sunday), q and AM/PM."""
     for layout in _DATES:
         try:
             date = datetime.strptime(text.strip(), layout)
@@ -154,7 +154,7 @@ def _date(text: str, pattern: str) -> str:
 
 
 def _format(value: float, pattern: str) -> str:
-    """Return a number formatted with 0 (digit), # (optional digit), a point and commas.
+    """Format a number by 0 (digit), # (optional digit), a decimal point and commas.
 
     Commas at the end of the whole part divide by 1000, other commas are thousands separators.
     """
@@ -179,7 +179,7 @@ def _format(value: float, pattern: str) -> str:
 
 
 def parse_string(text: str, into: Array, delimiters: str) -> int:
-    """Cut a string at the delimiters into a resized array, and return the number of parts."""
+    """Split a text at delimiters into an array, which is resized. Return the number of parts."""
     parts = [text]
     if delimiters:
         parts = [part for part in re.split(f'[{re.escape(delimiters)}]', text) if part]
@@ -191,7 +191,7 @@ def parse_string(text: str, into: Array, delimiters: str) -> int:
 
 
 def upper_bound(array: Array, dimension: int = 1) -> int:
-    """Return the upper bound of a dimension, the first one being 1. Raises SpelError."""
+    """Return the upper bound of dimension 1, 2, …. Raises SpelError if it does not exist."""
     if not 1 <= dimension <= len(array.bounds):
         raise bad('UBound', f'the array has no dimension {dimension}')
     return array.bounds[dimension - 1]
@@ -255,4 +255,4 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'agltopls': _point('angles'),
     'pulse': _point('pulses'),
 }
-"""Name in lower case → function, for the rows of functions.py with 'value'."""
+"""Name in lower case → function, for the functions that functions.py marks with 'value'."""

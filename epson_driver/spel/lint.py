@@ -78,7 +78,7 @@ LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
 MAX_WAIT_VARIABLES = 64
 _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
-"""Offset from a comparison's limit to the last, or first, index that it allows."""
+"""Comparison → offset from its limit to the last (`<`, `<=`) or first (`>`, `>=`) index."""
 
 DEEPEST_FOR = 10
 
@@ -132,9 +132,9 @@ _WAITING_COMMANDS = frozenset(
 def check(
     files: Mapping[str, str], version: int = 8, settings: Settings | None = None
 ) -> list[Problem]:
-    """Return all problems of a project's files on controllers of a version, in order.
+    """Return all problems of a project's files on controllers of a version, by position.
 
-    `settings`: those of the project. None: they are unknown, so none is missing.
+    `settings`: the project's settings. None: they are unknown, and none is reported as missing.
     """
     problems: list[Problem] = []
     program = build_with(files, problems, problems)
@@ -164,7 +164,7 @@ def _answered(problem: Problem, words: set[str]) -> bool:
 
 
 def _asks_for_error(handler: Block) -> bool:
-    """Return whether an If of a handler depends on Err, which is 0 without an error."""
+    """Return whether an If in an error handler depends on Err, which is 0 without an error."""
     copies = {'err'}
     for node in walk(handler):
         if isinstance(node, Assign) and getattr(node.value, 'name', '').lower() == 'err':
@@ -174,7 +174,7 @@ def _asks_for_error(handler: Block) -> bool:
 
 
 def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
-    """Return whether the line has a comment `' check off: rule, …` for this warning."""
+    """Return whether a comment `' check off: rule, …` in its line disables the warning."""
     lines = files.get(problem.position.file, [''])
     if not problem.warning or not 0 < problem.position.line <= len(lines):
         return False
@@ -198,7 +198,7 @@ def _long_lines(name: str, text: str) -> Iterator[Problem]:
 
 
 def _task_names(function: Function) -> Iterator[Any]:
-    """Yield nodes that name a task without a call, as in TaskState(main) and Quit main."""
+    """Yield nodes that name a task's function without a call: `TaskState(main)`, `Quit main`."""
     for node in function.nodes:
         if isinstance(node, TaskCommand):
             yield from walk(node.task)
@@ -209,15 +209,11 @@ def _task_names(function: Function) -> Iterator[Any]:
 
 
 def _instead(function: str) -> bool:
-    """Return whether a user starts a function, such as main7, in place of main.
-
-    Such functions never run together with main.
-    """
+    """Return whether a function, such as main7, is started instead of main, never with it."""
     return function.startswith('main') and function[4:].isdigit()
 
 
 def _waits(node: Any) -> bool:
-    """Return whether a statement waits."""
     if isinstance(node, Command | TaskCommand):
         return node.name.lower() in _WAITING_COMMANDS
     if isinstance(node, Print):
@@ -226,7 +222,7 @@ def _waits(node: Any) -> bool:
 
 
 def _closure(names: Iterable[str], following: Mapping[str, Iterable[str]]) -> set[str]:
-    """Return the names and all names that follow from them, directly or not."""
+    """Return `names`, and all names that `following` reaches from them, directly or not."""
     result: set[str] = set()
     todo = list(names)
     while todo:
@@ -283,13 +279,11 @@ class _Lint:
         }
 
     def _nodes(self, *kinds: type) -> Iterator[Any]:
-        """Yield the nodes of some types in the functions."""
         for function in self.functions.values():
             yield from (node for node in function.nodes if isinstance(node, kinds))
 
     @cached_property
     def _whole(self) -> list[Any]:
-        """All syntax nodes in the declarations and function bodies of the program."""
         parts: list[Iterable[Any]] = []
         for file in self.program.files:
             parts += [walk(file.declarations), *(function.nodes for function in file.functions)]
@@ -588,7 +582,7 @@ class _Lint:
             yield Problem(node.at, 'true-compare', text, warning=True)
 
     def _guard(self, node: Binary) -> Iterator[Problem]:
-        """Find `i <= 3 And a(i) = 1` where 3 is the bound of a: a(4) is evaluated nevertheless."""
+        """Find `i <= 3 And a(i) = 1` if 3 is the upper bound of a: a(4) is evaluated, too."""
         guarded: dict[str, set[int]] = {}
         for item in walk(node.left):
             if isinstance(item, Binary) and item.operator in _LAST and isinstance(item.left, Name):
@@ -608,7 +602,6 @@ class _Lint:
 
     @cached_property
     def _bounds(self) -> dict[str, tuple[int | float | None, ...]]:
-        """The upper bounds of all arrays by name."""
         return {
             node.name.lower(): tuple(constant(bound, CONSTANTS) for bound in node.bounds)
             for node in self._whole

@@ -47,11 +47,11 @@ from epson_driver.spel.words import CONSTANTS
 
 _MOVED = 'the robot is moved by'
 _WINDOWS = frozenset({'gshow', 'gshowdialog', 'gset', 'gget'})
-"""Window statements. The events of windows call functions that no program names."""
+"""Window statements. The events of a window call functions that no statement names."""
 
 
 def leaves(statement: Statement) -> bool:
-    """Return whether execution never continues after a statement."""
+    """Return whether execution never continues at the following statement."""
     if isinstance(statement, Exit | EResume | Return):
         return True
     if isinstance(statement, Do):
@@ -96,7 +96,7 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
 
 
 def unproven(functions: Mapping[str, Function]) -> Iterator[Problem]:
-    """Yield Cases with a list of values: p714 has one, like all 1,392 Cases of 68 projects."""
+    """Yield Cases with several values. The SPEL+ manual (p714) has one, like 68 projects."""
     for function in functions.values():
         for node in function.nodes:
             if isinstance(node, Select):
@@ -109,7 +109,7 @@ def unproven(functions: Mapping[str, Function]) -> Iterator[Problem]:
 
 
 def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Iterator[Problem]:
-    """Yield functions and variables whose name occurs once. `roots` start tasks.
+    """Yield functions and variables whose name occurs once. The functions `roots` start tasks.
 
     An occurrence in a comment or in an inactive #ifdef counts as a use.
     """
@@ -140,7 +140,7 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
 
 
 def _names(text: str) -> Iterator[str]:
-    """Yield the names of a text in lower case, and for Pi also i: it may be the point P(i)."""
+    """Yield the names in a text, in lower case. For `Pi` also yield `i`: it may be `P(i)`."""
     for word in re.findall(r'[^\W\d]\w*\$?', text.lower()):
         yield word
         if word[0] == 'p':
@@ -156,7 +156,7 @@ def _once(declarations: list[Declaration], times: Counter[str]) -> Iterator[Prob
 
 
 def shared(tasks: Mapping[str, set[str]], functions: Mapping[str, Function]) -> Iterator[Problem]:
-    """Yield a second task that moves the robot, sets a timer, or switches an output.
+    """Yield a problem if several tasks move the robot, set a timer, or switch an output.
 
     `tasks`: function that starts a task → the functions that it calls.
     """
@@ -206,7 +206,7 @@ SIMULATED = {
     'robotinfo': (0,),
     'stat': (0, 1),
 }
-"""First arguments with a simulation, for functions where some have none."""
+"""Function of which a part is simulated → the values of its first argument."""
 
 
 def _number(expression: Expression | None) -> int | float | None:
@@ -268,7 +268,7 @@ def literals(program: Program) -> Iterator[Problem]:
 
 
 def _device(port: Expression | None) -> Iterator[Problem]:
-    """Yield a port that is neither of a display, serial, file, network nor database."""
+    """Yield a problem if a port is not of a display, serial line, file, network or database."""
     value = _number(port)
     known = ((0, 24), FILES, PORTS, (501, 508), (1001, 1008))
     if value is not None and port is not None and not any(a <= value <= b for a, b in known):
@@ -276,11 +276,11 @@ def _device(port: Expression | None) -> Iterator[Problem]:
 
 
 Bounds = dict[str, tuple[int, ...]]
-"""Name of a variable in lower case → upper bounds, () if it is no array of constant bounds."""
+"""Name of a variable in lower case → upper bounds, or () if they are not constant."""
 
 
 def _arrays(program: Program) -> Iterator[tuple[Function, ChainMap[str, tuple[int, ...]]]]:
-    """Yield each function with the arrays that it sees, () for arrays that are resized."""
+    """Yield each function with the bounds of its arrays, () for arrays that are resized."""
     resized: Bounds = dict.fromkeys(_resized(program), ())
     shared: Bounds = {}
     modules: list[Bounds] = []
@@ -306,7 +306,6 @@ def _bounds(declaration: Declaration) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _resized(program: Program) -> set[str]:
-    """Return the arrays that Redim and ParseStr resize."""
     result = set()
     for node in (node for file in program.files for of in file.functions for node in of.nodes):
         if isinstance(node, Redim):

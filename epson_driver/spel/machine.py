@@ -61,7 +61,7 @@ _SOURCE = '<spel>'
 
 @lru_cache(maxsize=16)
 def _code_of(source: str) -> CodeType:
-    """Compile the output of compiler.py, once for all machines that run the program."""
+    """Compile a portion of a program's Python text, once for all machines that run it."""
     return compile(source, _SOURCE, 'exec')
 
 
@@ -72,7 +72,7 @@ _ARITHMETIC: dict[type[Exception], ErrorNumber] = {
     IndexError: ErrorNumber.INDEX,
     ValueError: ErrorNumber.ARGUMENT,
 }
-"""Exceptions of Python's arithmetic, and the resulting errors of the program."""
+"""Exception of Python's arithmetic → error of the program."""
 
 _EVENT_TRAPS = {
     'emergency': TaskType.NO_EMG_ABORT,
@@ -92,7 +92,7 @@ def all_statements() -> dict[str, Callable[..., None]]:
 
 
 class TaskView(NamedTuple):
-    """A task for display."""
+    """The state of a task, for display."""
 
     number: int
     function: str
@@ -103,7 +103,7 @@ class TaskView(NamedTuple):
 
 
 KEPT_COMMANDS = 64
-"""Number of compiled commands stored, because clients of $Execute repeat the same commands."""
+"""Maximum number of cached commands. Clients of `$Execute` repeat the same commands."""
 
 
 class Machine:
@@ -134,7 +134,7 @@ class Machine:
         self._link(rounding)
 
     def _link(self, rounding: str) -> None:
-        """Link the program's text to instructions of this machine."""
+        """Run the program's Python text, which defines the instructions of this machine."""
         whole = ROUNDINGS[rounding]
 
         def over(type_name: str, value: int) -> Value:
@@ -198,7 +198,7 @@ class Machine:
     ) -> None:
         """Start a function without parameters as a task. `clear` also clears global variables.
 
-        Raises SpelError if the function does not exist, or the task is running.
+        Raises SpelError if the function does not exist, or if a task with this number is running.
         """
         self.world.add(number, self.world.function(name), (), kind)
         if clear:
@@ -211,7 +211,7 @@ class Machine:
     def execute(self, text: str) -> list[str]:
         """Start a command of the command window as task 0. Return the list of its later output.
 
-        Raises ProgramError, SpelError.
+        Raises ProgramError if the command is invalid, SpelError if another one is running.
         """
         task = self.world.add(COMMAND_TASK, self._command(text, False), (), TaskType.NORMAL)
         task.outputs.append([])
@@ -254,7 +254,7 @@ class Machine:
                 self.world.g[slot] = store(stored[0], variable.type)
 
     def emergency_stop(self) -> None:
-        """End all tasks that an E-stop or an error ends."""
+        """End all Normal, NoPause and Trap tasks, as after an E-stop or an error."""
         self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.TRAP)
 
     def stop(self) -> None:
@@ -267,7 +267,7 @@ class Machine:
                 self.world.end(task)
 
     def pause(self) -> None:
-        """Pause the tasks that a pause or an open door pauses."""
+        """Pause all Normal tasks, as during a pause or with an open door."""
         for task in self.world.tasks.values():
             task.paused = task.type is TaskType.NORMAL
 
@@ -276,11 +276,11 @@ class Machine:
         resume_paused(self.world)
 
     def clear_errors(self) -> None:
-        """Clear the list of tasks that ended with an error, like Reset does."""
+        """Clear the list of tasks that ended with an error, like `Reset` does."""
         self.world.aborted.clear()
 
     def event(self, name: str, *numbers: int) -> bool:
-        """Start the Trap for 'emergency', 'error', 'sgopen', …. Return whether one is set."""
+        """Start the Trap for 'emergency', 'error', 'sgopen', …. Return whether it was started."""
         linked = self.world.event_traps.get(name)
         if linked is None:
             return False
@@ -292,7 +292,7 @@ class Machine:
         return True
 
     def last_event(self, name: str) -> bool:
-        """Start the Trap for 'abort' or 'finish', and remove all event Traps (p855)."""
+        """Start the Trap for 'abort' or 'finish', and remove event Traps (SPEL+ manual p855)."""
         started = self.event(name)
         self.world.event_traps.clear()
         return started
@@ -306,16 +306,16 @@ class Machine:
 
     @property
     def running(self) -> Task | None:
-        """Return the running task, or the last one, or None if it is over."""
+        """Return the task that ran last, or None if it has ended."""
         return self.world.tasks.get(self._last)
 
     @property
     def running_number(self) -> int:
-        """Return the number of the running task, or of the last one."""
+        """Return the number of the task that ran last."""
         return self._last
 
     def tasks(self) -> Iterator[TaskView]:
-        """Yield the existing tasks and those ended by an error, by number."""
+        """Yield the existing tasks, and tasks that ended with an error, by number."""
         aborted = self.world.aborted
         for number in sorted({*self.world.tasks, *aborted}):
             if number >= FIRST_HELPER:
@@ -331,7 +331,7 @@ class Machine:
                 yield TaskView(number, task.function, task.type, task.state, at.file, at.line)
 
     def lines(self) -> dict[str, dict[int, bool]]:
-        """Return the lines with instructions by file, and whether each has run completely."""
+        """Return, by file and line, whether all instructions of a line have run."""
         result: dict[str, dict[int, bool]] = {}
         for linked in self.world.linked:
             for pc, at in enumerate(linked.code.lines):
@@ -360,10 +360,10 @@ class Machine:
             self.world.time = max(self.world.time, to if due is None else min(to, due))
 
     def advance(self, to: float) -> None:
-        """Run the tasks until a time, s. A statement started before it may end after it.
+        """Run the tasks until the time `to`, s. The last statement may end after it.
 
-        Events of the host are processed in any case. A task that waited for one runs at
-        `next_time()`.
+        Waiting tasks are checked even if this time has passed. A task that waited for an event of
+        the host then runs at `next_time()`.
         """
         world = self.world
         while True:
@@ -384,7 +384,7 @@ class Machine:
             world.time = max(world.time, due)
 
     def _ready(self) -> Task | None:
-        """Return the next task that can run, in the order of task numbers after the last one."""
+        """Return the task that runs next, in turn by number, or None if all wait."""
         tasks = self.world.tasks
         ready = [number for number, task in tasks.items() if _can_run(task)]
         if not ready:
@@ -408,7 +408,7 @@ class Machine:
         return min(times, default=None)
 
     def _wake(self) -> None:
-        """Resume the tasks whose time is over or whose test is met."""
+        """Resume tasks whose time is over or whose test holds. Start due actions and Traps."""
         time = self.world.time
         for due, action in [item for item in self.world.later if item[0] <= time]:
             self.world.later.remove((due, action))
@@ -437,7 +437,7 @@ class Machine:
             self._spring()
 
     def _spring(self) -> None:
-        """Start the actions of all Traps whose condition is met, once each."""
+        """Start the action of each Trap whose condition holds, and disarm the Trap."""
         for number, trap in list(self.world.traps.items()):
             if trap.task.frame is None:
                 del self.world.traps[number]
@@ -462,7 +462,7 @@ class Machine:
                     trap.task.interrupted_by = started
 
     def _start_wait(self, task: Task) -> None:
-        """Start the time of a wait at the end of its statement, not at the start of the turn."""
+        """Count the time of a wait from the end of its statement, not from the turn's start."""
         waiting = task.waiting
         if waiting is not None and waiting.until is not None and waiting.duration is not None:
             waiting.until = self.world.time + waiting.duration
@@ -484,7 +484,7 @@ class Machine:
         return used
 
     def _run_frame(self, task: Task, frame: Frame, limit: int) -> int:
-        """Run one call until it calls, returns, waits, or the turn is over."""
+        """Run a function until it calls another one, returns, waits, or reaches `limit`."""
         instructions, hits, v, pc = frame.linked.instructions, frame.linked.hits, frame.v, frame.pc
         used = 0
         try:
@@ -515,7 +515,7 @@ class Machine:
 
 
 def _of_program(error: Exception) -> bool:
-    """Return whether an instruction of a program, or a function of values, raised an error."""
+    """Return whether an error was raised by generated code, library.py, values.py or frames.py."""
     trace = error.__traceback__
     assert trace is not None  # noqa: S101 - it was raised
     while trace.tb_next is not None:

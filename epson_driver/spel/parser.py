@@ -54,7 +54,7 @@ from epson_driver.spel.syntax import (
 from epson_driver.spel.words import CONSTANTS, is_a
 
 DEEPEST_BLOCK = 30
-"""Maximum nesting of blocks. SPEL+ allows 10 For."""
+"""Maximum nesting of blocks. SPEL+ allows 10 nested For."""
 
 _ENDS = {
     'else': 'If',
@@ -81,7 +81,7 @@ def function_names(lines: Iterable[Line]) -> set[str]:
 
 
 def statements_of(line: Line) -> Iterator[list[Token]]:
-    """Yield the statements of a line. `!…!` stays together."""
+    """Yield the statements of a line. Parallel ones (`!…!`) stay with their motion."""
     part: list[Token] = []
     parallel = False
     for token in line.tokens:
@@ -96,7 +96,7 @@ def statements_of(line: Line) -> Iterator[list[Token]]:
 
 
 class Parser(Statements):
-    """Reads one file. `points`: the labels of points, in lower case."""
+    """Parses one file. `points`: the labels of points, in lower case."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Parser(Statements):
         self._function: str | None = None
 
     def file(self) -> File:
-        """Return the parsed file, and add its problems to the list."""
+        """Parse the file, and append its problems to the list `problems`."""
         while (result := self._take()) is not None:
             try:
                 self._outside(result)
@@ -128,7 +128,6 @@ class Parser(Statements):
         return self._file
 
     def _skip_function(self) -> None:
-        """Skip the rest of a function that cannot be read."""
         while (result := self._peek()) is not None and result[0].lower != 'function':
             self._take()
             if result[0].lower == 'fend':
@@ -203,7 +202,7 @@ class Parser(Statements):
     # Blocks
 
     def _block(self, ends: tuple[str, ...]) -> Block:
-        """Read statements up to, but not including, a word that ends a block."""
+        """Parse statements until a word in `ends`, or the function's end, without reading it."""
         self._depth += 1
         read: list[Statement] = []
         while (result := self._peek()) is not None:
@@ -224,7 +223,6 @@ class Parser(Statements):
         return tuple(read)
 
     def _closing(self, kind: str, at: Position, *words: str) -> Reader:
-        """Read the statement that ends a block."""
         result = self._peek()
         if result is None or result[0].lower not in words:
             text = f'{kind} of line {at.line} has no {_CLOSING[kind]}'
@@ -291,7 +289,7 @@ class Parser(Statements):
     # Blocks of statements
 
     def read_if(self, reader: Reader, first: Token) -> If:
-        """Read an If of several lines, or of one."""
+        """Parse an `If` of several lines, or of one."""
         condition = reader.expression()
         reader.need('then')
         if not reader.at_end() or self._queue:  # `If c Then; a; b` is also one line
@@ -349,7 +347,7 @@ class Parser(Statements):
         return If(tuple(branches), otherwise, first.position)
 
     def read_select(self, reader: Reader, first: Token) -> Select:
-        """Read Select … Send."""
+        """Parse `Select … Send`."""
         reader.takes('case')
         subject = reader.expression()
         reader.end()
@@ -377,7 +375,7 @@ class Parser(Statements):
             cases.append((tuple(items), self._block(ends)))
 
     def read_do(self, reader: Reader, first: Token) -> Do:
-        """Read Do … Loop."""
+        """Parse `Do … Loop`."""
         before = _test(reader)
         reader.end()
         body = self._block(('loop',))
@@ -388,7 +386,7 @@ class Parser(Statements):
         return Do(before, body, after, first.position)
 
     def read_for(self, reader: Reader, first: Token) -> For:
-        """Read For … Next."""
+        """Parse `For … Next`."""
         variable = reader.target()
         reader.need('=')
         low = reader.expression()
@@ -408,7 +406,7 @@ class Parser(Statements):
         return For(variable, low, high, step, body, first.position)
 
     def read_exit(self, reader: Reader, first: Token) -> Exit:
-        """Read Exit Do, For or Function."""
+        """Parse `Exit Do`, `Exit For` or `Exit Function`."""
         if not reader.sees('do', 'for', 'function'):
             raise reader.wrong('Do, For or Function')
         return Exit(reader.step().lower, first.position)
@@ -439,7 +437,7 @@ def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
 
 
 def _assignment(reader: Reader, word: str) -> Assign | None:
-    """Return `a = …` or `a(…) = …`, or None for another statement."""
+    """Parse `a = …` or `a(…) = …`. Return None for another statement."""
     after = reader.look(1)
     if word in COMMANDS and COMMANDS[word].form.startswith('@') and after.text != '=':
         return None
@@ -455,7 +453,7 @@ def _assignment(reader: Reader, word: str) -> Assign | None:
 
 
 def _coordinates(first: Expression, reader: Reader) -> Expression:
-    """Read the rest of `P1 = 300, 200, -50, 100 /L`, the old form of XY( ) (p590)."""
+    """Parse the rest of `P1 = 300, 200, -50 /L`, an old form of `XY( )` (SPEL+ manual p590)."""
     values = [first]
     while reader.takes(','):
         values.append(reader.expression())
@@ -489,7 +487,7 @@ def _test(reader: Reader) -> Test | None:
 
 
 def _displayed(first: Token) -> list[Statement]:
-    """Return the Prints of a statement without arguments, which displays its function's values."""
+    """Return `Print` statements that replace a statement without arguments, such as `Speed`."""
     at = first.position
     lines: list[tuple[Expression, ...]] = [
         tuple(Apply(first.text, (Argument(Number(item, at)),), at) for item in line)
@@ -525,7 +523,7 @@ def _type(reader: Reader) -> str:
 
 
 def declaration(reader: Reader, scope: str) -> Declaration:
-    """Read `[Global [Preserve]] [Static] type name[(bounds)], …`.
+    """Parse `[Global [Preserve]] [Static] type name[(bounds)], …`.
 
     Static marks the variables of a library (RC+ 8). They are stored like all shared variables.
     """
@@ -560,7 +558,6 @@ def declaration(reader: Reader, scope: str) -> Declaration:
 
 
 def _parameters(reader: Reader) -> tuple[Parameter, ...]:
-    """Read the parameters of a Function, after the opening bracket."""
     if reader.takes(')'):
         return ()
     read = []
@@ -585,7 +582,7 @@ def _parameters(reader: Reader) -> tuple[Parameter, ...]:
 
 
 def _parameter_type(reader: Reader) -> str:
-    """Read As and a type. RC+ also accepts `AsInteger`, which a fielded project contains."""
+    """Parse `As` and a type. RC+ also accepts `AsInteger`, which a real project contains."""
     word = reader.here.lower
     if word.startswith('as') and word[2:] in TYPES:
         reader.step()

@@ -17,12 +17,12 @@ from epson_driver.spel.values import Point, nearest
 
 
 def set_coordinate(task: Task, number: int, axis: str, value: float) -> None:
-    """CX(P1) = …, and likewise CY, CZ, CU, CV and CW."""
+    """Execute `CX(P1) = value`, and likewise CY, CZ, CU, CV and CW (`axis`)."""
     task.world.points[number] = changed(point(task, number), ':', axis, value)
 
 
 def delete_points(task: Task, first: int, last: int | None = None) -> None:
-    """PDel first[, last]."""
+    """Execute `PDel first[, last]`."""
     for number in range(first, (first if last is None else last) + 1):
         task.world.points.pop(number, None)
 
@@ -33,7 +33,7 @@ def _clear_points(task: Task) -> None:
 
 
 def set_label(task: Task, number: int, label: str) -> None:
-    """PLabel n, name: the label belongs to this point only."""
+    """Execute `PLabel n, label`. Any other label of the point is removed."""
     within('PLabel', number, 0, LAST_POINT)
     labels = task.world.point_labels
     for key in [key for key, value in labels.items() if value == number]:
@@ -44,18 +44,18 @@ def set_label(task: Task, number: int, label: str) -> None:
 
 
 def label_of(task: Task, number: int) -> str:
-    """Return PLabel$."""
+    """Return `PLabel$`: the label of a point, or ''."""
     return _written_labels(task).get(number, '')
 
 
 def _written_labels(task: Task) -> dict[int, str]:
-    """Return point number → original spelling of its label."""
+    """Return the labels by the number of their point, in their original spelling."""
     world = task.world
     return {number: world.spelling.get(key, key) for key, number in world.point_labels.items()}
 
 
 def list_points(task: Task, first: int | None = None, last: int | None = None) -> None:
-    """PList [first[, last]]: print points as statements that define them (p632)."""
+    """Execute `PList [first[, last]]`: print points as statements (SPEL+ manual p632)."""
     if last is None:
         last = LAST_POINT if first is None else first
     for number in range(first or 0, last + 1):
@@ -71,7 +71,7 @@ def list_points(task: Task, first: int | None = None, last: int | None = None) -
 
 
 def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
-    """LoadPoints name[, Merge]: a file of the project, or one written by SavePoints (p513)."""
+    """Execute `LoadPoints name[, Merge]`: load a file of the project or of `SavePoints`."""
     world = task.world
     file = world.program.data.point_files.get(name.lower())
     saved = world.files.read(name)
@@ -87,7 +87,7 @@ def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
 
 
 def save_points(task: Task, name: str) -> None:
-    """SavePoints name (p712)."""
+    """Execute `SavePoints name` (SPEL+ manual p712)."""
     if ' ' in name or not name.lower().endswith('.pts'):
         raise bad('SavePoints', f'{name}: must be a name without blanks that ends in .pts')
     world = task.world
@@ -97,7 +97,7 @@ def save_points(task: Task, name: str) -> None:
 
 
 def _set_hand(task: Task, number: int | None = None, value: float | None = None) -> None:
-    """Hand [point[, 1|2]]: set Righty or Lefty, or display it without a value."""
+    """Execute `Hand [point[, 1|2]]`: set Righty (1) or Lefty (2), or print it without a value."""
     if number is None or value is None:
         print_terminal(task, f'{_hand(task, None if number is None else point(task, number))}\n')
     else:
@@ -112,7 +112,7 @@ def _hand(task: Task, of: Point | None = None) -> int:
 
 
 def _least_motion(task: Task, of: Point, near: Point | None = None, number: int = 1) -> Point:
-    """Return LJM: the point in the posture of the least motion (p508), in its own local."""
+    """Return `LJM`: `of` in the posture that needs the least motion from `near`."""
     here = near or task.value('here', ())
     assert isinstance(here, Point)  # noqa: S101 - Here is one
     result = task.value('ljm', (of, here, number))
@@ -123,7 +123,7 @@ def _least_motion(task: Task, of: Point, near: Point | None = None, number: int 
 
 
 def distance(task: Task, first: Point, second: Point) -> float:
-    """Return Dist, mm."""
+    """Return `Dist`: the distance between two points, mm."""
     a, b = task.world.placed((first, second))
     if a.kind != 'xy' or b.kind != 'xy':
         a, b = (task.world.host.stored_point(item) for item in (a, b))
@@ -131,7 +131,7 @@ def distance(task: Task, first: Point, second: Point) -> float:
 
 
 def define_local(task: Task, number: int, *arguments: Point, words: tuple[str, ...] = ()) -> None:
-    """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points[, L|R] (p514)."""
+    """Execute `Local n` with one point, three points, or two pairs (SPEL+ manual p514)."""
     task.may('local')
     points = [task.world.host.stored_point(item) for item in arguments]
     if 'pair' in words:
@@ -146,13 +146,13 @@ def define_local(task: Task, number: int, *arguments: Point, words: tuple[str, .
 
 
 def set_local(task: Task, number: int, local: float) -> None:
-    """PLocal(P1) = n."""
+    """Execute `PLocal(P1) = local`."""
     chosen = str(within('PLocal', nearest(local), 0, 15))
     task.world.points[number] = point(task, number).flagged(chosen)
 
 
 def set_arch(task: Task, number: float, depart: float, approach: float) -> None:
-    """Arch n, depart, approach: set the distances of an arch, mm."""
+    """Execute `Arch n, depart, approach`: set the distances of an arch, mm."""
     task.may('arch')
     task.world.arches[nearest(number)] = (float(depart), float(approach))
 

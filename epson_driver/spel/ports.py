@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statements of the network ports, and Print and Input for ports, files and the terminal.
 
-A port belongs to the task that opened it until the task ends (SPEL+ p194).
+A port belongs to the task that opened it until the task ends (SPEL+ manual p194).
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
 
 
 def port_of(task: Task, name: str, number: float) -> Port:
-    """Return a port, open or not. Raises SpelError."""
+    """Return a port, open or not. Raises SpelError if the number is not in PORTS."""
     index = within(name, nearest(number), *PORTS)
     return task.world.ports.setdefault(index, Port())
 
@@ -42,7 +42,7 @@ def _taken(task: Task, port: Port) -> bool:
 
 
 def _opened(task: Task, name: str, number: int) -> Port:
-    """Return a port that this task has opened. Raises SpelError."""
+    """Return a port that this task has opened. Raises SpelError if it has not."""
     port = port_of(task, name, number)
     if port.owner == 0:
         raise SpelError(ErrorNumber.PORT_NOT_OPEN, f'{name}: port {number} is not open')
@@ -60,7 +60,7 @@ def set_net(
     timeout: float | None = None,
     words: tuple[str, ...] = ('crlf', 'tcp'),
 ) -> None:
-    """SetNet #n, host, port, …: set up a port."""
+    """Execute `SetNet #n, host, port, …`: store the settings of a port."""
     port = port_of(task, 'SetNet', number)
     wait = 0.0 if timeout is None else float(timeout)
     within('SetNet', nearest(wait), 0, 1_000_000)
@@ -69,7 +69,7 @@ def set_net(
 
 
 def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
-    """OpenNet #n As Server|Client."""
+    """Execute `OpenNet #n As Server|Client`."""
     port = port_of(task, 'OpenNet', number)
     if _taken(task, port):
         text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}{ONE_TASK}'
@@ -82,7 +82,7 @@ def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
 
 
 def close_net(task: Task, number: float | None) -> None:
-    """CloseNet #n|All: ports that belong to no other task."""
+    """Execute `CloseNet #n|All`. `All` excludes the ports of other running tasks."""
     numbers = list(task.world.ports) if number is None else [nearest(number)]
     for item in numbers:
         port = port_of(task, 'CloseNet', item)
@@ -97,7 +97,7 @@ def close_net(task: Task, number: float | None) -> None:
 
 
 def wait_net(task: Task, number: float, time: float | None = None) -> None:
-    """WaitNet #n[, s]: until a peer is connected or the time ran out, which TW returns."""
+    """Execute `WaitNet #n[, time]`: wait for a peer, at most for `time`, s. Set TW on timeout."""
     index = nearest(number)
     _opened(task, 'WaitNet', index)
     network = task.world.host.network
@@ -106,7 +106,7 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
 
 
 def check_net(task: Task, number: int) -> int:
-    """Return ChkNet: number of received bytes, -1 no peer, -2 another task's, -3 not open."""
+    """Return `ChkNet`: received bytes, or -1 (no peer), -2 (another task's port), -3 (closed)."""
     task.since_wait = 0  # it reads inputs
     port = port_of(task, 'ChkNet', number)
     if port.owner == 0:
@@ -125,7 +125,7 @@ def _receive(
     use: Callable[[bytes], None],
     file_bytes: int = 1,
 ) -> None:
-    """Wait until `ready` returns the number of bytes to read, then call `use` with them."""
+    """Wait until `ready` returns the number of bytes to take (not 0), and call `use` with them."""
     if is_file(number):
         use(file_access.read(task, name, number, file_bytes))
         return
@@ -175,7 +175,7 @@ def _byte(value: int, type_name: str) -> Value:
 
 
 def read_bin(task: Task, number: int, into: Array | Reference, count: int | None) -> None:
-    """ReadBin #n, a(), count: store one received byte in each element."""
+    """Execute `ReadBin #n, a(), count`: store one received byte in each element."""
     if isinstance(into, Array):
         size = _count('ReadBin', count, into)
         container, start, type_name = into.d, 0, into.type
@@ -192,7 +192,7 @@ def read_bin(task: Task, number: int, into: Array | Reference, count: int | None
 
 
 def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> None:
-    """WriteBin #n, a(), count: send the low byte of each element."""
+    """Execute `WriteBin #n, a(), count`: send the low byte of each element."""
     if isinstance(what, Array):
         values = what.d[: _count('WriteBin', count, what)]
         data = bytes(int(value) & 0xFF for value in values)
@@ -202,7 +202,7 @@ def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> 
 
 
 def read(task: Task, number: int, into: Reference, count: int | None) -> None:
-    """Read #n, s$[, count]: a zero byte ends the string."""
+    """Execute `Read #n, s$[, count]`. A zero byte ends the string."""
     size = within('Read', 1 if count is None else count, 1, LONGEST_STRING)
     container, index, type_name = into
 
@@ -214,7 +214,7 @@ def read(task: Task, number: int, into: Reference, count: int | None) -> None:
 
 
 def write(task: Task, number: int, text: str, _count: int | None = None) -> None:
-    """Write #n, s$."""
+    """Execute `Write #n, s$`."""
     _send(task, 'Write', number, _encoded(text))
 
 
@@ -223,7 +223,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _line_end(data: bytes, terminator: bytes) -> int:
-    """Return the number of bytes of the first line including its end, or 0 without one."""
+    """Return the number of bytes of the first line and its end, or 0 if it is incomplete."""
     at = data.find(terminator)
     if at >= 0:
         return at + len(terminator)
@@ -233,7 +233,7 @@ def _line_end(data: bytes, terminator: bytes) -> int:
 def print_to(
     task: Task, number: int | None, items: tuple[tuple[Value | Point, str], ...], line: bool
 ) -> None:
-    """Print [#n,] a, b[,]."""
+    """Execute `Print [#n,] a, b[,]`. `line`: whether to end the line (no comma at the end)."""
     text = ' '.join(text_of(value, kind) for value, kind in items)
     if number is None or number in _DISPLAYS:
         task.owe('print')
@@ -249,10 +249,7 @@ def print_to(
 def input_from(
     task: Task, number: int | None, targets: tuple[Reference, ...], whole: bool
 ) -> None:
-    """Input [#n,] a, b, or Line Input [#n,] s$ if `whole`.
-
-    Without a number it reads from the terminal.
-    """
+    """Execute `Input [#n,] a, b` or `Line Input [#n,] s$` (`whole`). No #n: the terminal."""
     if number is None:
         input_terminal(task, targets, whole)
         return
@@ -270,7 +267,7 @@ def input_from(
 
 
 def lines_waiting(task: Task, number: int) -> int:
-    """Return Lof: the number of complete lines received."""
+    """Return `Lof`: the number of complete lines received."""
     port = port_of(task, 'Lof', number)
     if port.owner == 0:
         return 0

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Converts text lines to token lines: #define, #undef, #ifdef, #ifndef, #else, #endif, #include.
 
-A definition is valid from its line to the end of the file being built, including its included
-files.
+A definition is valid from its line to the end of the program file, including its included files.
 """
 
 import re
@@ -33,7 +32,7 @@ _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
 
 @dataclass(frozen=True)
 class Definition:
-    """The replacement of a name: tokens, with parameters if it has any."""
+    """A `#define`: the tokens that replace the name, and its parameters, if any."""
 
     parameters: tuple[str, ...] | None
     body: tuple[Token, ...]
@@ -68,7 +67,7 @@ class Preprocessor:
         self._steps = 0
 
     def lines(self, name: str) -> Iterator[Line]:
-        """Yield the program lines of a file, and add problems to the list."""
+        """Yield the program lines of a file, and append its problems to the list `problems`."""
         yield from self._lines(name.lower(), 0)
 
     def _lines(self, key: str, depth: int) -> Iterator[Line]:
@@ -118,7 +117,7 @@ class Preprocessor:
             yield Line(result[0].position, tuple(self._expanded(result)))
 
     def _refuse_declarations(self, found: list[Token]) -> None:
-        """Raise SyntaxProblem if a #define stands for a label, or for words of a declaration."""
+        """Raise SyntaxProblem if a #define replaces a label, or gives words of a declaration."""
         start = True
         for place, token in enumerate(found):
             definition = self.definitions.get(token.lower) if start else None

@@ -60,6 +60,7 @@ def add_missing(
     """Add the labels that a project without .sprj, .pts or IOLabels.dat leaves undefined.
 
     Points get the numbers 999, 998, … and no position. I/O labels are added to `data.unlabelled`.
+    Each of them adds a warning to `notes`.
     """
     there = {name.lower() for name in files}
     if any(name.endswith(PROJECT) for name in there):
@@ -146,20 +147,20 @@ MAX_ELEMENTS = 2_000_000
 """Maximum elements of all shared arrays together."""
 
 MAX_TEXT = 50_000
-"""Maximum characters of Python per compilation, which needs about 150 bytes for each."""
+"""Maximum characters of Python text per compilation, which needs about 150 bytes for each."""
 
 OFF = "'"
 """Prefix of a #define line that makes it a comment."""
 
 COMMAND = '$Execute'
-"""File name of commands from the command window."""
+"""Name of the file and function of a command in the command window."""
 
 _EXECUTED = f'Function {COMMAND}', 'Fend'
 _EVALUATED = (
     f'Function {COMMAND} As Long; OnErr GoTo failed',
     f'Exit Function; failed :; {COMMAND} = Err; Fend',
 )
-"""Text around the statements of $Execute and of Eval."""
+"""Text before and after the statements of `$Execute`, and of `Eval`."""
 
 _STARTED = re.compile(
     r'(?im)^[ \t]*function[ \t]+(?:main|test\w*)\b(?:[ \t]*\([ \t]*\)|(?![ \t]*\())'
@@ -207,7 +208,7 @@ def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
 def _parse(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem], data: ProjectData
 ) -> list[File]:
-    """Return the parsed .prg files. Problems are added to the list."""
+    """Return the parsed .prg files. Append to the lists of problems and warnings (`notes`)."""
     lines: dict[str, list[Line]] = {}
     for name in files:
         if name.lower().endswith('.prg'):
@@ -220,10 +221,7 @@ def _parse(
 
 
 def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
-    """Yield each `AsInteger` of a Function line.
-
-    RC+ accepts it, but the manual does not list it.
-    """
+    """Yield a warning for each `AsInteger`, which RC+ accepts, but the manual does not list."""
     for line in (item for result in files for item in result):
         if line.tokens and line.tokens[0].lower == 'function':
             for token in line.tokens[2:]:
@@ -244,7 +242,7 @@ def build(files: Mapping[str, str]) -> Program:
 def build_with(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem] | None = None
 ) -> Program:
-    """Return the program as far as it can be built, and add problems to the lists."""
+    """Build a program despite problems, which are appended to the list. `notes`: warnings."""
     notes = [] if notes is None else notes
     data = project_data(files, problems)
     parsed = _parse(files, problems, notes, data)
@@ -302,10 +300,10 @@ def build_with(
 
 
 def command(program: Program, text: str, evaluated: bool = False) -> FunctionCode:
-    """Return the code of statements for the command window. Raises ProgramError.
+    """Compile statements of the command window. Raises ProgramError if they are invalid.
 
     They may use the Global variables of the program. An unterminated string ends with the text.
-    With `evaluated` the code returns its error number.
+    With `evaluated`, for `Eval`, the code returns its error number.
     """
     at = Position(COMMAND, 1)
     problems: list[Problem] = []
@@ -340,7 +338,7 @@ def command(program: Program, text: str, evaluated: bool = False) -> FunctionCod
 
 
 def reserved_names(file: File, version: tuple[int, ...]) -> Iterator[Problem]:
-    """Yield the names of a file that are words of SPEL+, up to a version."""
+    """Yield a problem for each name in a file that is a word of SPEL+ in a version."""
     inner = [(of, *of.parameters, *of.nodes) for of in file.functions]
     for node in chain(*inner, walk(file.declarations)):
         if not isinstance(node, Function | Parameter | VariableName | Label):

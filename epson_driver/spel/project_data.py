@@ -109,7 +109,7 @@ def read_project(path: Path) -> dict[str, str]:
 def listed_files(project: Block) -> Iterator[str]:
     """Yield the files of a project, with the default point file of robot 1 first.
 
-    Raises RcFileError.
+    Raises RcFileError if it lists no program.
     """
     for kind in ('ProgramFile', 'IncludeFile'):
         yield from (block.text('sName') for block in project.blocks(kind))
@@ -249,7 +249,7 @@ def _points(block: Block) -> PointFile:
 
 
 def point_file(name: str, content: bytes) -> PointFile:
-    """Return a .pts file. Raises SpelError."""
+    """Parse the content of a .pts file. Raises SpelError if it is invalid."""
     try:
         return _points(parsed(name, decoded(content)))
     except RcFileError as error:
@@ -257,7 +257,7 @@ def point_file(name: str, content: bytes) -> PointFile:
 
 
 def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: datetime) -> str:
-    """Return the text of a .pts file."""
+    """Return the text of a .pts file with these points."""
     body = Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', str(len(points)))])
     for turn, (number, point) in enumerate(sorted(points.items()), 1):
         axes = zip('XYZUVW', (*point.values, *[0.0] * 6), strict=False)

@@ -14,7 +14,7 @@ _CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7
 """Maximum waiting time, s."""
 _MAX = 32767
-"""Maximum of numbers that the robot (Accel, p68) or the I/O limits, not the manual."""
+"""Maximum if the robot or its I/O, not the manual, limits a number."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges
@@ -73,14 +73,11 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     )
     for name in names.split()
 }
-"""Ranges of arguments of statements and functions, by name in lower case.
-
-A name followed by a bracket is the function only.
-"""
+"""Name in lower case → ranges of the arguments. `arch(` is the function, `arch` the statement."""
 
 
 def key_of(name: str) -> str:
-    """Return the key of a function's ranges, distinct from a statement of the same name."""
+    """Return the key of a function in RANGES."""
     called = f'{name.lower()}('
     return called if called in RANGES else name.lower()
 
@@ -92,7 +89,7 @@ def limits(key: str, place: int) -> tuple[float, float] | None:
 
 
 def outside(key: str, place: int, value: float) -> str:
-    """Return the error text of a number out of its range, or '' if it is in the range."""
+    """Return the error text if `value` is out of range, or ''."""
     low, high = limits(key, place) or (-inf, inf)
     if low <= value <= high:
         return ''
@@ -102,7 +99,7 @@ def outside(key: str, place: int, value: float) -> str:
 
 
 def refuse(name: str, key: str, place: int, value: float) -> None:
-    """Raise SpelError, because a number is out of its range."""
+    """Raise SpelError, because `value` is out of range."""
     wrong = f'{name}: {outside(key, place, value)}'
     if (limits(key, place) or _TASKS)[1] == _TASKS[1]:
         raise SpelError(ErrorNumber.TASK_NUMBER, wrong)

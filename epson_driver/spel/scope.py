@@ -27,11 +27,11 @@ LIMITS = {
     'global': (100_000, 10_000),
     'preserve': (4_000, 400),
 }
-"""Maximum elements of an array by scope, and of a string array (Language Reference, p952)."""
+"""Scope → maximum elements of an array of numbers, and of strings (SPEL+ manual p952)."""
 
 
 def constant(expression: Expression, constants: Mapping[str, int | str]) -> int | float | None:
-    """Return the number of an expression of constants, or None if it is not one."""
+    """Return the value of a constant numeric expression, or None for another expression."""
     if isinstance(expression, Number):
         return expression.value
     if isinstance(expression, Name):
@@ -60,7 +60,7 @@ ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'motor', 'power', 'cp'}
 
 
 def against_true(expression: Binary, scope: 'Scope') -> Binary:
-    """Return `Sw(1) = True` as `Sw(1) <> 0`, because real programs rely on it in a Wait."""
+    """Return `Sw(1) = True` as `Sw(1) <> 0`. Programs use it, but Sw returns 1, and True is -1."""
     for one, other in ((expression.left, expression.right), (expression.right, expression.left)):
         if (
             expression.operator in ('=', '<>')
@@ -103,16 +103,16 @@ class Scope:
         return self.for_file(self._module)
 
     def point_number(self, name: str) -> int | None:
-        """Return the number of a point by its label."""
+        """Return the number of the point with a label, or None."""
         return self.data.point_labels.get(name.lower())
 
     def variable(self, name: str) -> Variable | None:
-        """Return the variable of a name, or None."""
+        """Return the variable with a name, or None."""
         key = name.lower()
         return self._local.get(key) or self._module.get(key) or self._shared.get(key)
 
     def add_local(self, variable: Variable) -> None:
-        """Add a local variable. Raises SyntaxProblem if its name is in use."""
+        """Add a local variable. Raises SyntaxProblem if the function has already declared it."""
         key = variable.name.lower()
         if key in self._local:
             text = f'{variable.name} is declared twice in the function'
@@ -120,7 +120,7 @@ class Scope:
         self._local[key] = variable
 
     def bounds(self, declared: Declaration, number: int) -> tuple[int, ...]:
-        """Return the upper bounds of a declared variable. Raises SyntaxProblem."""
+        """Return the bounds of a declared variable. Raises SyntaxProblem if they are invalid."""
         variable = declared.variables[number]
         result = []
         for expression in variable.bounds:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the statements of one line, by the forms of commands.py."""
+"""Parses the statements of one line, by the forms of commands.py."""
 
 import re
 from collections.abc import Container, Iterator
@@ -59,14 +59,14 @@ _MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 
 
 class Statements:
-    """Reads the rest of a statement after its first word."""
+    """Parses the rest of a statement after its first word."""
 
     def __init__(self, functions: set[str], points: Container[str] = frozenset()) -> None:
         self._functions = functions
         self._points = points
 
     def read_form(self, reader: Reader, first: Token, form: str) -> Command:
-        """Read arguments according to a form of the table."""
+        """Parse arguments by a form of commands.py."""
         arguments: list[Expression | None] = []
         words: list[str] = []
         kinds = form.split(',') if form else []
@@ -112,20 +112,20 @@ class Statements:
     # Structure
 
     def read_jump(self, reader: Reader, first: Token) -> Jump:
-        """Read GoTo and GoSub."""
+        """Parse `GoTo label` or `GoSub label`."""
         label = reader.name('a label').text
         return Jump('goto' if first.lower == 'goto' else 'gosub', label, first.position)
 
     def read_return(self, _reader: Reader, first: Token) -> Return:
-        """Read Return."""
+        """Parse `Return`."""
         return Return(first.position)
 
     def read_call(self, reader: Reader, _first: Token) -> Call:
-        """Read Call f(…)."""
+        """Parse `Call f(…)`."""
         return self.call_arguments(reader, reader.name('the name of a function'))
 
     def call_arguments(self, reader: Reader, name: Token) -> Call:
-        """Read the arguments of a function called as a statement, in brackets or without."""
+        """Parse the arguments of a function called as a statement, with or without brackets."""
         if reader.sees('(') and reader.look(reader.past_brackets()).kind == END:
             return Call(name.text, reader.arguments(), name.position)
         arguments: list[Argument] = []
@@ -136,7 +136,7 @@ class Statements:
         return Call(name.text, tuple(arguments), name.position)
 
     def read_on_err(self, reader: Reader, first: Token) -> OnErr:
-        """Read OnErr GoTo label."""
+        """Parse `OnErr GoTo label`."""
         reader.need('goto')
         if reader.here.text == '0':
             reader.step()
@@ -144,7 +144,7 @@ class Statements:
         return OnErr(reader.name('a label or 0').text, first.position)
 
     def read_eresume(self, reader: Reader, first: Token) -> EResume:
-        """Read EResume, EResume Next, EResume label."""
+        """Parse `EResume`, `EResume Next` or `EResume label`."""
         if reader.at_end():
             return EResume('again', '', first.position)
         if reader.takes('next'):
@@ -152,7 +152,7 @@ class Statements:
         return EResume('label', reader.name('a label').text, first.position)
 
     def read_redim(self, reader: Reader, first: Token) -> Redim:
-        """Read Redim."""
+        """Parse `Redim [Preserve] a(…)`."""
         preserve = reader.takes('preserve')
         name = reader.name('the name of an array').text
         bounds = [argument.value for argument in reader.arguments()]
@@ -163,7 +163,7 @@ class Statements:
     # Tasks
 
     def read_xqt(self, reader: Reader, first: Token) -> Xqt:
-        """Read Xqt [n,] f[(…)] [, type]."""
+        """Parse `Xqt [n,] f[(…)] [, type]`."""
         number: Expression | None = None
         is_name = reader.here.kind == NAME and reader.here.lower in self._functions
         if not is_name:
@@ -184,7 +184,7 @@ class Statements:
         return Xqt(number, name.text, arguments, kind, first.position)
 
     def read_task_command(self, reader: Reader, first: Token) -> TaskCommand:
-        """Read Quit, Halt, Resume, TaskWait, StartMain."""
+        """Parse `Quit`, `Halt`, `Resume`, `TaskWait` or `StartMain`."""
         here = reader.here
         if first.lower == 'quit' and reader.takes('all'):
             return TaskCommand(first.text, None, '', first.position)
@@ -194,13 +194,13 @@ class Statements:
         return TaskCommand(first.text, reader.expression(), '', first.position)
 
     def read_wait(self, reader: Reader, first: Token) -> Wait:
-        """Read Wait s, or Wait condition[, s]. The compiler distinguishes them."""
+        """Parse `Wait time` or `Wait condition[, time]`. The compiler distinguishes them."""
         condition = reader.expression()
         time = reader.expression() if reader.takes(',') else None
         return Wait(condition, time, first.position)
 
     def read_trap(self, reader: Reader, first: Token) -> Trap:
-        """Read Trap n, condition GoTo|Call|Xqt name, or Trap event Xqt f."""
+        """Parse `Trap n, condition GoTo|Call|Xqt name` or `Trap event Xqt f`."""
         if reader.sees(*TRAP_EVENTS):
             event = reader.step().lower
             if reader.at_end():
@@ -231,7 +231,7 @@ class Statements:
     # Terminal and network
 
     def _port(self, reader: Reader) -> Expression | None:
-        """Read #n with its comma, or return None without one."""
+        """Read `#n` with its comma. Return None if the next token is not #."""
         if not reader.takes('#'):
             return None
         port = reader.expression()
@@ -240,7 +240,7 @@ class Statements:
         return port
 
     def read_print(self, reader: Reader, first: Token) -> Print:
-        """Read Print [#n,] a, b[,]."""
+        """Parse `Print [#n,] a, b[,]`."""
         port = self._port(reader)
         items: list[Expression] = []
         line = True
@@ -252,7 +252,7 @@ class Statements:
         return Print(port, tuple(items), line, first.position)
 
     def read_input(self, reader: Reader, first: Token) -> Input:
-        """Read Input [#n,] a, b."""
+        """Parse `Input [#n,] a, b`."""
         port = self._port(reader)
         targets: list[Target] = [reader.target()]
         while reader.takes(','):
@@ -260,13 +260,13 @@ class Statements:
         return Input(port, False, tuple(targets), first.position)
 
     def read_line_input(self, reader: Reader, first: Token) -> Input:
-        """Read Line Input [#n,] s$."""
+        """Parse `Line Input [#n,] s$`."""
         reader.need('input')
         port = self._port(reader)
         return Input(port, True, (reader.target(),), first.position)
 
     def read_transfer(self, reader: Reader, first: Token) -> Transfer:
-        """Read Read, ReadBin, Write, WriteBin: #n, variable or array[, count]."""
+        """Parse `Read`, `ReadBin`, `Write` or `WriteBin`: #n, variable or array[, count]."""
         reader.need('#')
         port = reader.expression()
         reader.need(',')
@@ -275,7 +275,7 @@ class Statements:
         return Transfer(first.text, port, value, count, first.position)
 
     def read_set_net(self, reader: Reader, first: Token) -> Command:
-        """Read SetNet #n, host, port[, terminator[, flow[, timeout[, protocol[, …]]]]]."""
+        """Parse `SetNet #n, host, port[, terminator[, flow[, timeout[, protocol[, …]]]]]`."""
         reader.need('#')
         port = reader.expression()
         reader.need(',')
@@ -303,7 +303,7 @@ class Statements:
         return Command(first.text, arguments, first.position, tuple(words))
 
     def read_open_net(self, reader: Reader, first: Token) -> Command:
-        """Read OpenNet #n As Server|Client."""
+        """Parse `OpenNet #n As Server|Client`."""
         reader.need('#')
         port = reader.expression()
         reader.need('as')
@@ -312,7 +312,7 @@ class Statements:
         return Command(first.text, (port,), first.position, (reader.step().lower,))
 
     def read_close_net(self, reader: Reader, first: Token) -> Command:
-        """Read CloseNet #n|All."""
+        """Parse `CloseNet #n|All`."""
         if reader.takes('all'):
             return Command(first.text, (None,), first.position)
         reader.need('#')
@@ -325,15 +325,15 @@ class Statements:
         return SyntaxProblem(reader.here.position, text, 'not-simulated')
 
     def read_store(self, reader: Reader, first: Token) -> Store:
-        """Read Till, Sense, Find with a condition."""
+        """Parse `Till`, `Sense` or `Find` with a condition."""
         return Store(first.text, reader.expression(), first.position)
 
     def read_here(self, reader: Reader, first: Token) -> Assign:
-        """Read Here P1."""
+        """Parse `Here P1`."""
         return Assign(reader.target(), Name(first.text, first.position), first.position)
 
     def read_local(self, reader: Reader, first: Token) -> Command:
-        """Read Local n with one point, three points[, X|Y], or pairs (P1:P11), (P2:P12), L|R."""
+        """Parse `Local n` with one point, three points[, X|Y], or `(P1:P11), (P2:P12)`[, L|R]."""
         given = [reader.expression()]
         words: list[str] = []
         while reader.takes(','):
@@ -354,14 +354,14 @@ class Statements:
         return Command(first.text, tuple(given), first.position, tuple(words))
 
     def read_open(self, reader: Reader, first: Token) -> Command:
-        """Read WOpen name As #n, and the other statements that open a file."""
+        """Parse `WOpen name As #n`, or another statement that opens a file."""
         name = reader.expression()
         reader.need('as')
         reader.takes('#')
         return Command(first.text, (name, reader.expression()), first.position)
 
     def read_pallet(self, reader: Reader, first: Token) -> Command:
-        """Read Pallet [Outside,] n, P1, P2, P3[, P4], columns, rows."""
+        """Parse `Pallet [Outside,] n, P1, P2, P3[, P4], columns, rows`."""
         words = ('outside',) if reader.takes('outside') else ()
         if words:
             reader.takes(',')
@@ -372,13 +372,13 @@ class Statements:
         return Command(first.text, given, first.position, words)
 
     def read_abort_motion(self, reader: Reader, first: Token) -> Command:
-        """Read AbortMotion n|All."""
+        """Parse `AbortMotion n|All`."""
         if reader.takes('all'):
             return Command(first.text, (None,), first.position, ('all',))
         return Command(first.text, (reader.expression(),), first.position)
 
     def read_motion(self, reader: Reader, first: Token) -> Motion:
-        """Read a statement that moves the arm, with its modifiers in any order."""
+        """Parse a statement that moves the arm, with its modifiers in any order."""
         points: list[Expression] = []
         while not points or reader.takes(','):
             if points and (reader.sees(*_MODIFIERS) or self._is_arch(reader.here)):
@@ -387,7 +387,7 @@ class Statements:
         return self._modified(reader, first, points)
 
     def read_pass(self, reader: Reader, first: Token) -> list[Statement]:
-        """Read Pass P1, P(2:5), On 2, P6. Switching statements divide it into motions (p604)."""
+        """Parse `Pass P1, On 2, P(3:6)`. `On`, … divide it into motions (SPEL+ manual p604)."""
         points: list[Expression] = []
         read: list[Statement] = []
         while not (points or read) or reader.takes(','):
@@ -408,7 +408,6 @@ class Statements:
         return [item for item in result if not isinstance(item, Motion) or item.points]
 
     def _modified(self, reader: Reader, first: Token, points: list[Expression]) -> Motion:
-        """Read the rest of a motion after its points."""
         cp = False
         conditions: dict[str, Expression | bool] = dict.fromkeys(_CONDITIONS, False)
         words: list[str] = []
@@ -448,12 +447,11 @@ class Statements:
         )
 
     def _is_arch(self, token: Token) -> bool:
-        """Return whether a word is C0 to C9, and not a point's label."""
         word = token.lower
         return len(word) == 2 and word[0] == 'c' and word[1].isdigit() and word not in self._points
 
     def parallel(self, reader: Reader) -> tuple[Statement, ...]:
-        """Read the statements between two !."""
+        """Parse the parallel statements of a motion, up to the second `!`."""
         read: list[Statement] = []
         part: list[Token] = []
         while True:
@@ -468,7 +466,7 @@ class Statements:
                 part.append(token)
 
     def _beside(self, part: list[Token]) -> list[Statement]:
-        """Read a statement of !…!: D50, or a statement that does not move the arm."""
+        """Parse a parallel statement: `D50`, or a statement that does not move the arm."""
         first = part[0]
         digits = first.lower[1:]
         if first.lower[:1] == 'd' and (not digits or digits.isdigit()):
@@ -487,7 +485,7 @@ class Statements:
         raise NotImplementedError
 
     def read_stub(self, reader: Reader, first: Token) -> Stub:
-        """Read a statement that is known by its name only."""
+        """Parse a statement without simulation, of which only the name is known."""
         arguments: list[Argument] = []
         indices: list[Argument] = []
         while not reader.at_end():
@@ -512,14 +510,13 @@ class Statements:
 
 
 def _without_local(argument: Argument) -> Argument:
-    """Return the last limit of Box without its local, as in 50 /LOCAL1 (p171)."""
+    """Return the last limit of `Box` without its local, as in `50 /LOCAL1`."""
     value = argument.value
     local = isinstance(value, Binary) and getattr(value.right, 'name', '').lower()[:5] == 'local'
     return Argument(value.left) if isinstance(value, Binary) and local else argument
 
 
 def _is_pair(reader: Reader) -> bool:
-    """Return whether (P1:P11) follows, rather than an expression in brackets."""
     if not reader.sees('('):
         return False
     depth, ahead = 1, 1
@@ -532,7 +529,7 @@ def _is_pair(reader: Reader) -> bool:
 
 
 def _point_range(reader: Reader) -> Iterator[Expression]:
-    """Read P(1:5), or P(5:1), as a list of points."""
+    """Parse `P(1:5)`, or `P(5:1)`, as a list of points."""
     at = reader.step().position
     reader.need('(')
     first = reader.expression()

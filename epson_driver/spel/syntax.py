@@ -213,7 +213,7 @@ class Jump:
 
 @dataclass(frozen=True, slots=True)
 class Return:
-    """The end of a GoSub."""
+    """`Return`, the end of a GoSub."""
 
     at: Position
 
@@ -256,9 +256,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A statement that moves the arm. `till` is True for the stored condition.
+    """A statement that moves the arm.
 
-    `numbers`: the values of C, LimZ, LJM and PerformMode. `parallel`: the statements in !…!.
+    `till`, `find`, `sense`: the condition, True for the stored condition, or False. `numbers`: the
+    values of C, LimZ, LJM and PerformMode. `parallel`: the statements between `!` and `!`.
     """
 
     name: str
@@ -275,7 +276,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """`D50` in !…!: the following statements start after half of the motion."""
+    """`D50` in parallel statements: the following ones start after half of the motion."""
 
     percent: Expression
     at: Position
@@ -283,7 +284,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Stub:
-    """A statement that only a test can answer: vision, conveyors, windows.
+    """A statement that is not simulated (vision, conveyors, windows), answered by a test.
 
     `indices` select one of several results: `VGet find.Blob01.RobotXYU(i)`.
     """
@@ -296,7 +297,7 @@ class Stub:
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """`Till cond`, `Sense cond`, `Find cond`: a condition for later motions."""
+    """`Till cond`, `Sense cond` or `Find cond`, which stores a condition for later motions."""
 
     name: str
     condition: Expression
@@ -305,7 +306,7 @@ class Store:
 
 @dataclass(frozen=True, slots=True)
 class Print:
-    """Print to the terminal, a port or a file. `line` is False for a comma at the end."""
+    """Print to the terminal, a port or a file. A comma at the end makes `line` False."""
 
     port: Expression | None
     items: tuple[Expression, ...]
@@ -356,7 +357,7 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Trap:
-    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. No action disarms it."""
+    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. '' as action disarms it."""
 
     event: str
     number: Expression | None
@@ -493,5 +494,4 @@ def walk(node: Any) -> Iterator[Any]:
 
 @cache
 def _parts(kind: type) -> list[str]:
-    """Return the fields of a type of node, in reverse order."""
     return [item.name for item in reversed(fields(kind))] if is_dataclass(kind) else []

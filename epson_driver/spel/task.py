@@ -37,21 +37,20 @@ LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
 """Ranges of task numbers. Normal tasks have 1 to LAST_NORMAL, background tasks FIRST_BACKGROUND to
 LAST_BACKGROUND, and trap tasks FIRST_TRAP or more."""
 FIRST_HELPER = 1000
-"""Offset of the task number of !…! from the number of the task that moves the arm."""
+"""Task number of parallel statements (`!…!`), minus the number of the task that moves the arm."""
 COMMAND_TASK = 0
 """Task number of the command window, which no program can use."""
 
 EVALUATED_AS = 1_000
-"""Number that an Eval adds to the count of statements without a wait. It is more than 1 because
-Eval compiles a command."""
+"""Number of statements that an Eval counts as for `Timing.endless`, because it compiles text."""
 
 Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]
 Reference = tuple[list[Value], int, str]
-"""A variable: the list it is in, its index, its type."""
+"""A reference to a variable: the list that contains it, its index, its type."""
 
 GATE = 7
-"""The number of the arch without rounded corners (p111)."""
+"""Number of the arch without rounded corners (SPEL+ manual p111)."""
 
 
 class TaskState(IntEnum):
@@ -69,10 +68,10 @@ class TaskState(IntEnum):
 class Timing:
     """Times on the controller, in s.
 
-    statement: one simple statement. granularity: unit to which Wait rounds up. scan: period of
-    condition checks. turn: maximum time of a task before the next one runs. endless: number of
-    statements without a wait that raises error 2556. extra: additional time of some statements, by
-    name in lower case ('print', 'writebin', 'go', …).
+    statement: duration of a simple statement. granularity: unit to which Wait rounds up. scan:
+    period of condition checks. turn: maximum time of a task before the next one runs. endless:
+    number of statements without a wait after which error 2556 is raised. extra: additional time of
+    some statements, by name in lower case ('print', 'writebin', 'go', …).
     """
 
     statement: float = 10e-6
@@ -92,7 +91,7 @@ class Timing:
 
 @dataclass(slots=True)
 class Linked:
-    """A function with its executable instructions, and a record of those that have run."""
+    """A function with its executable instructions. `hits` is 1 for those that have run."""
 
     code: FunctionCode
     instructions: list[Instruction]
@@ -154,7 +153,7 @@ class OpenFile:
 
 @dataclass(slots=True)
 class Trap:
-    """An armed Trap 1 to 4. Its target is a function, or for GoTo an instruction of a call."""
+    """An armed Trap 1 to 4. `target`: a function, or (GoTo) an instruction of the call `frame`."""
 
     task: 'Task'
     test: Test
@@ -197,7 +196,7 @@ class SharedState:
         self.spelling = dict(program.data.spelling)
         self.locals: dict[int, Point] = {}
         self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
-        """The arch table: depart and approach distance, mm (p111)."""
+        """Number of an arch → depart and approach distance, mm (SPEL+ manual p111)."""
         self.pallets: dict[int, Pallet] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
@@ -209,14 +208,14 @@ class SharedState:
         self.random = random.Random(0)  # noqa: S311 - for Rnd, the same in every run
 
     def function(self, name: str) -> Linked:
-        """Return a function by its name. Raises SpelError."""
+        """Return a function by its name. Raises SpelError if it does not exist."""
         code = self.program.by_name.get(name.lower())
         if code is None:
             raise SpelError(ErrorNumber.NO_SUCH_TASK, f'there is no function {name}')
         return self.linked[code.index]
 
     def free_number(self, background: bool) -> int:
-        """Return the lowest free task number. Raises SpelError."""
+        """Return the lowest free task number. Raises SpelError if all are in use."""
         first, last = (FIRST_BACKGROUND, LAST_BACKGROUND) if background else (1, LAST_NORMAL)
         for number in range(first, last + 1):
             if number not in self.tasks:
@@ -226,7 +225,7 @@ class SharedState:
     def add(
         self, number: int, linked: Linked, arguments: Sequence[object], kind: TaskType
     ) -> 'Task':
-        """Start a task. Raises SpelError."""
+        """Start a task. Raises SpelError if its number is in use, or the arguments do not fit."""
         if number in self.tasks:
             raise SpelError(ErrorNumber.TASK_NUMBER, f'task {number} is running')
         code = linked.code
@@ -240,7 +239,7 @@ class SharedState:
         return task
 
     def add_helper(self, task: 'Task', start: int, motion: Completion) -> 'Task':
-        """Start the task of !…!, which shares the variables of the function that moves the arm."""
+        """Start the task of parallel statements, with the variables of the function that moves."""
         helper = Task(self, FIRST_HELPER + task.number, task.type)
         moving = task.current
         helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
@@ -267,7 +266,7 @@ class SharedState:
             del self.locks[number]
 
     def task(self, which: int | str) -> 'Task | None':
-        """Return a running task by its number or its function's name."""
+        """Return a running task by its number or its function's name, or None."""
         if isinstance(which, str):
             named = (item for item in self.tasks.values() if item.function.lower() == which)
             return next(named, None)
@@ -278,7 +277,7 @@ class SharedState:
         self.points |= {number: self.host.stored_point(item) for number, item in points.items()}
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
-        """Return arguments with their points in Local 0. Raises SpelError.
+        """Convert the points in `arguments` to Local 0. Raises SpelError if a local is undefined.
 
         `steps`: the points are steps from the current position.
         """
@@ -294,7 +293,7 @@ class SharedState:
 
 
 def printed(output: list[str]) -> str:
-    """Return the output of a command, without its last line end."""
+    """Return the output of a command with CRLF between its lines."""
     return ''.join(output).removesuffix('\n').replace('\n', '\r\n')
 
 
@@ -306,10 +305,7 @@ def blank(variable: Variable) -> object:
 
 
 class Task:
-    """A task: its calls, and its wait.
-
-    The compiled instructions call its methods.
-    """
+    """A task: its calls and its wait. The compiled instructions call its methods."""
 
     def __init__(self, world: SharedState, number: int, kind: TaskType) -> None:
         self.world = world
@@ -334,7 +330,7 @@ class Task:
     # Calls
 
     def push(self, linked: Linked, arguments: Sequence[object], into: int) -> None:
-        """Enter a function. Raises SpelError."""
+        """Enter a function. `into`: slot for its value. Raises SpelError beyond DEEPEST_CALL."""
         if len(self.frames) >= DEEPEST_CALL:
             raise SpelError(
                 ErrorNumber.CALL_DEPTH, f'more than {DEEPEST_CALL} calls in each other'
@@ -347,10 +343,7 @@ class Task:
     call = push
 
     def leave(self) -> None:
-        """Leave a function and pass its value to the caller.
-
-        The task ends with its last function.
-        """
+        """Leave a function and pass its value to the caller. The last one ends the task."""
         left = self.frames.pop()
         if not self.frames:
             self.world.end(self)
@@ -361,26 +354,27 @@ class Task:
 
     @property
     def current(self) -> Frame:
-        """Return the call that is running."""
+        """Return the current call."""
         assert self.frame is not None  # noqa: S101 - a task that runs has one
         return self.frame
 
     def gosub(self, back: int) -> None:
-        """Store the return position of a GoSub. Raises SpelError."""
+        """Store the return position of a GoSub. Raises SpelError if GoSubs nest too deeply."""
         if len(self.current.gosubs) >= DEEPEST_CALL:
             raise SpelError(ErrorNumber.CALL_DEPTH, 'GoSub within GoSub without end')
         self.current.gosubs.append(back)
 
     def gosub_return(self) -> int:
-        """Return the position after the last GoSub. Raises SpelError."""
+        """Return the position after the last GoSub. Raises SpelError without a GoSub."""
         if not self.current.gosubs:
             raise SpelError(ErrorNumber.RETURN_WITHOUT_GOSUB)
         return self.current.gosubs.pop()
 
     def evaluate(self, text: str, slot: int) -> None:
-        """Execute the text of Eval, and store its error number in a variable.
+        """Execute the string of `Eval`, and store its error number in `v[slot]`.
 
-        It takes a turn, and counts as EVALUATED_AS statements. Raises SpelError.
+        It takes a scheduler turn, and counts as EVALUATED_AS statements. Raises SpelError if calls
+        are nested too deeply.
         """
         self.world.time += self.world.timing.turn
         self.since_wait += EVALUATED_AS
@@ -391,7 +385,7 @@ class Task:
         self.outputs.append([])
 
     def reply(self, error: int, into: Reference | None) -> None:
-        """Store the output of Eval's command, or its error (p316)."""
+        """Store the output of `Eval`, or its error number as text, in a variable."""
         text = printed(self.outputs.pop())
         if into is not None:
             container, index, type_name = into
@@ -402,17 +396,17 @@ class Task:
     # Errors
 
     def on_error(self, handler: int) -> None:
-        """Set the error handler, or none with -1."""
+        """Set the error handler to an instruction, or to none (-1)."""
         self.current.handler = handler
 
     def resumed(self) -> None:
-        """End the handling of an error. Raises SpelError."""
+        """End the handling of an error. Raises SpelError if none is handled."""
         if not self.current.handling:
             raise SpelError(ErrorNumber.RESUME)
         self.current.handling = False
 
     def resume(self, following: bool) -> int:
-        """Return the instruction at which EResume continues: the failed statement, or the next."""
+        """Return where EResume continues: at the failed statement, or the next if `following`."""
         self.resumed()
         frame = self.current
         starts = frame.linked.code.starts
@@ -459,7 +453,7 @@ class Task:
         after: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait until a test is met or a time is over. `after` gets True after a timeout."""
+        """Wait until `test` holds or `seconds` have passed. Then call `after` (True: timeout)."""
         self.since_wait = 0
         if test is not None and test():
             if after is not None:
@@ -482,7 +476,7 @@ class Task:
         then: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait like `wait`, with `then` as `after`, and set TW before `then` is called."""
+        """Wait like `wait`, set TW to whether it timed out, then pass this value to `then`."""
         self.timed_out = False
 
         def after(timed_out: bool) -> None:
@@ -493,7 +487,7 @@ class Task:
         self.wait(seconds, test, after, scanned)
 
     def discontinue(self) -> None:
-        """End the wait and the motion of the statement that a Trap interrupts (p852)."""
+        """End the wait and motion of a statement that a Trap interrupts (SPEL+ manual p852)."""
         helper = self.world.tasks.get(FIRST_HELPER + self.number)
         if helper is not None:
             self.world.end(helper)
@@ -512,7 +506,7 @@ class Task:
         self.frame, frame.pc = frame, target
 
     def wake(self, timed_out: bool) -> None:
-        """Resume after the waiting statement, or with the error that ended it."""
+        """Continue after the statement that waits, or handle the error that its `after` raises."""
         waiting, self.waiting = self.waiting, None
         frame = self.current
         try:
@@ -557,10 +551,7 @@ class Task:
         self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
-        """Return the value of a function of the host.
-
-        Its points are converted to Local 0, except those of CX to CW.
-        """
+        """Return the value of a host function for points in Local 0, except for CX to CW."""
         self.since_wait = 0  # it reads inputs
         if name[0] != 'c':
             arguments = self.world.placed(arguments)
@@ -568,14 +559,14 @@ class Task:
         return int(result) if FUNCTIONS[name].result == 'i' else result  # type: ignore[arg-type]
 
     def labelled(self, label: str) -> int:
-        """Return the number of a point by its label. Raises SpelError 7007."""
+        """Return the number of a point by its label. Raises SpelError 7007 if it is unknown."""
         number = self.world.point_labels.get(label.lower())
         if number is None:
             raise SpelError(ErrorNumber.POINT_UNDEFINED, f'there is no point {label}')
         return number
 
     def flagged(self, point: Point, flag: str) -> Point:
-        """Return a point with a posture (/L), in a local (/1), or converted to a local (@1)."""
+        """Return a point with a posture (`/L`), in a local (`/1`), or converted to one (`@1`)."""
         if flag[0] == '@':
             return in_local(point, int(flag[1:]), self.world.locals)
         return point.flagged(flag)
@@ -599,7 +590,7 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the condition of the last Till, Find or Sense, initially Sw(0) = On (p829)."""
+        """Return the last condition of Till, Find or Sense. Default: Sw(0) (SPEL+ manual p829)."""
         test = self.world.conditions.get(name)
         if test is None:
             host = self.world.host
@@ -615,9 +606,10 @@ class Task:
         beside: int | None,
         **modifiers: Any,
     ) -> None:
-        """Start a motion and wait for its end, with the instructions of !…! at `beside`.
+        """Start a motion and wait for its end.
 
-        `modifiers`: cp, till, find and sense of MotionRequest.
+        `beside`: first instruction of its parallel statements. `modifiers`: cp, till, find and
+        sense of MotionRequest.
         """
         self.may(name)
         for word in {'ecp', 'sync'}.intersection(words):
@@ -645,7 +637,7 @@ class Task:
         self.wait(None, lambda: completion.done and helper.frame is None, after)
 
     def wait_fraction(self, percent: float) -> None:
-        """Wait until the motion of !…! has completed a percentage of its path."""
+        """Wait until the motion of these parallel statements has completed `percent` of it."""
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
         fraction = min(max(percent / 100.0, 0.0), 1.0)
@@ -654,7 +646,7 @@ class Task:
     # Statements and functions that only a test can answer
 
     def stub(self, name: str, arguments: tuple[Any, ...]) -> None:
-        """Store the answer to a statement in its variables, in their order. Raises SpelError."""
+        """Store the stub answer of a statement in its variables. Raises SpelError without one."""
         self.since_wait = 0
         references = [argument for argument in arguments if isinstance(argument, tuple)]
         answer = self.world.stubs.answer(name, self._shown(arguments))
@@ -665,7 +657,7 @@ class Task:
             container[index] = store(value, type_name)
 
     def ask(self, name: str, arguments: tuple[Any, ...], kind: str) -> Value | Point:
-        """Return the answer to a function. Raises SpelError."""
+        """Return the stub answer of a function. Raises SpelError if it has no answer."""
         answer = self.world.stubs.answer(name, self._shown(arguments))
         if kind == POINT:
             values = answer if isinstance(answer, list) else []
@@ -703,7 +695,10 @@ class Task:
         return store(result, declared.result)
 
     def xqt(self, number: int, linked: Linked, arguments: list[object], kind: int) -> None:
-        """Start a task. A background task starts only background tasks. Raises SpelError."""
+        """Start a task. Raises SpelError if its number is in use or out of range.
+
+        `number` 0 selects a free number. A background task starts only background tasks.
+        """
         self.may('xqt')
         background = self.type is TaskType.BACKGROUND
         if number == 0:

@@ -22,7 +22,7 @@ LONGEST_STRING = 255
 
 
 class Type(NamedTuple):
-    """A declared type: the kind of its values, and the range of whole ones."""
+    """A declared type: the kind of its values, the range of whole ones, and the initial value."""
 
     kind: str
     least: int = 0
@@ -64,7 +64,7 @@ def type_word(name: str) -> str:
 
 
 class Array:
-    """An array: its elements row by row, the upper bound of each dimension, its type."""
+    """An array: its elements `d` row by row, the upper bound of each dimension, its type."""
 
     __slots__ = ('bounds', 'd', 'type')
 
@@ -74,7 +74,7 @@ class Array:
         self.d: list[Value] = [TYPES[type_name].blank] * size(bounds)
 
     def at(self, *indices: int) -> int:
-        """Return the index of an element of several dimensions in `d`. Raises SpelError."""
+        """Return the position of an element in `d`. Raises SpelError for an index out of range."""
         place = 0
         for index, bound in zip(indices, self.bounds, strict=True):
             if not 0 <= index <= bound:
@@ -95,7 +95,7 @@ class Array:
                     self.d[self.at(*indices)] = old.d[place]
 
     def indices(self, place: int) -> list[int]:
-        """Return the indices of the element at a position in `d`."""
+        """Return the index in each dimension of the element at position `place` of `d`."""
         result = []
         for bound in reversed(self.bounds):
             place, index = divmod(place, bound + 1)
@@ -110,7 +110,7 @@ def size(bounds: Sequence[int]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A point of the robot: six numbers of a kind, and flags.
+    """A point of the robot: six numbers of a kind, and flags of its posture and local.
 
     `kind` 'xy': x, y, z in mm and u, v, w in degrees. 'angles': joints in degrees (or mm).
     'pulses': encoder pulses.
@@ -121,7 +121,7 @@ class Point:
     flags: tuple[str, ...] = ()
 
     def flagged(self, flag: str) -> 'Point':
-        """Return the point with an orientation flag or a local, which replaces the old one."""
+        """Return the point with a posture flag or a local, which replaces the old one."""
         others = (item for item in self.flags if subject(item) != subject(flag))
         return replace(self, flags=(*others, flag))
 
@@ -130,7 +130,7 @@ class Point:
 
     @property
     def printed(self) -> str:
-        """Return the point as Print displays it, with 12 characters per coordinate (p166)."""
+        """The point as Print displays it: 12 characters per coordinate (SPEL+ manual p166)."""
         shown = (
             f' {axis}:{value:9.3f}' for axis, value in zip('XYZUVW', self.values, strict=True)
         )
@@ -140,7 +140,7 @@ class Point:
 
 
 def single(value: float) -> float:
-    """Return a value rounded to binary32. Raises SpelError."""
+    """Return a value rounded to binary32. Raises SpelError if it exceeds Real."""
     try:
         rounded: float = struct.unpack('<f', struct.pack('<f', value))[0]
     except (OverflowError, struct.error):
@@ -173,7 +173,7 @@ def shown(value: object) -> str:
 
 
 def nearest(value: float) -> int:
-    """Return the nearest whole number, halves away from zero. Raises SpelError."""
+    """Return the nearest whole number, halves away from zero. Raises SpelError if not finite."""
     if value - value != 0.0:
         raise overflow('Long', value)
     return math.floor(value + 0.5) if value >= 0 else math.ceil(value - 0.5)
@@ -187,11 +187,11 @@ def towards_zero(value: float) -> int:
 
 
 ROUNDINGS: dict[str, Callable[[float], int]] = {'nearest': nearest, 'truncate': towards_zero}
-"""Possible conversions of a Real to an Integer on assignment. The manual does not say which."""
+"""Conversions of a Real to an Integer on assignment. The manual does not specify which applies."""
 
 
 def store(value: Value, type_name: str, rounding: Callable[[float], int] = nearest) -> Value:
-    """Return a value converted to the type of a variable. Raises SpelError."""
+    """Return a value converted to the type of a variable. Raises SpelError if it does not fit."""
     kind = TYPES[type_name]
     if kind.kind == STRING:
         text = str(value)
