@@ -35,7 +35,7 @@ from epson_driver.api.settings import Settings, checked_argument, parameter_valu
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
-from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
+from epson_driver.taught_points import EpsonPoint, Pallet, Posture, TaughtPoints
 
 __all__ = [
     'ArgumentError',
@@ -47,6 +47,7 @@ __all__ = [
     'Io',
     'Motion',
     'MotionError',
+    'Pallet',
     'PathError',
     'Points',
     'Recording',

@@ -37,7 +37,7 @@ from epson_driver.api.synchronous import (
     waits,
 )
 from epson_driver.api.threads import Session
-from epson_driver.taught_points import EpsonPoint, TaughtPoints
+from epson_driver.taught_points import EpsonPoint, Pallet, TaughtPoints
 
 __all__ = [
     'ArgumentError',
@@ -49,6 +49,7 @@ __all__ = [
     'Io',
     'Motion',
     'MotionError',
+    'Pallet',
     'PathError',
     'Points',
     'Recording',

@@ -14,19 +14,20 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import atan2, ceil, degrees, hypot, pi, sin
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.inputs import (
     InputError,
+    count,
     number,
     printable,
     read_file,
@@ -44,6 +45,7 @@ from epson_driver.tool_motion.tool_pose import finite_numbers, homogeneous
 
 _LENGTH = number(-1e6, 1e6, 'mm')
 _ANGLE = number(-36000.0, 36000.0, 'degrees')
+_COUNT = count(1, 32767)
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,15 @@ class EpsonPoint:
             _ANGLE.checked(plain(getattr(self, name)), name)
 
     @property
+    def xyz(self) -> Array:
+        """The position, shape (3,), mm."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
     def pose(self) -> Array:
         """The point as a homogeneous matrix, shape (4, 4), m."""
         angles = np.radians([self.u, self.v, self.w])
-        return homogeneous(rotation_of_uvw(angles), np.array([self.x, self.y, self.z]) / 1e3)
+        return homogeneous(rotation_of_uvw(angles), self.xyz / 1e3)
 
     def moved(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
@@ -98,6 +105,50 @@ class EpsonPoint:
         if pose.shape != (4, 4):
             raise ValueError(f'pose has shape {pose.shape}: must be (4, 4), m')
         return cls(*(pose[:3, 3] * 1e3).tolist(), *np.degrees(uvw(pose[:3, :3])).tolist())
+
+
+@dataclass(frozen=True)
+class Pallet(Sequence[EpsonPoint]):
+    """Points in columns and rows between taught corners, along the first row first.
+
+    Like SPEL+'s Pallet, whose number 1 is point 0 here. first, row_end, column_end: the corners.
+    opposite: the fourth corner, or None for a parallelogram. All points have the orientation of
+    `first`. Raises InputError if an argument is invalid.
+    """
+
+    first: EpsonPoint
+    row_end: EpsonPoint
+    column_end: EpsonPoint
+    columns: int
+    rows: int
+    opposite: EpsonPoint | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('columns', 'rows'):
+            _COUNT.checked(getattr(self, name), name)
+        for name in ('first', 'row_end', 'column_end', 'opposite'):
+            corner = getattr(self, name)
+            if not isinstance(corner, EpsonPoint) and (corner, name) != (None, 'opposite'):
+                raise InputError(f'{name} = {shown(corner)}: must be an EpsonPoint')
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return self.columns * self.rows
+
+    @overload
+    def __getitem__(self, index: int) -> EpsonPoint: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[EpsonPoint]: ...
+    def __getitem__(self, index: int | slice) -> EpsonPoint | list[EpsonPoint]:
+        """Return a point by its index, or several. Raises IndexError if there is none."""
+        if isinstance(index, slice):
+            return [self[item] for item in range(len(self))[index]]
+        row, column = divmod(range(len(self))[index], self.columns)
+        across, along = column / max(self.columns - 1, 1), row / max(self.rows - 1, 1)
+        a, b, c = (corner.xyz for corner in (self.first, self.row_end, self.column_end))
+        d = b + c - a if self.opposite is None else self.opposite.xyz
+        x, y, z = (a + across * (b - a) + along * (c - a + across * (d - c - b + a))).tolist()
+        return replace(self.first, x=x, y=y, z=z)
 
 
 def plain(value: object) -> object:
