@@ -29,27 +29,17 @@ from epson_driver.spel.words import CONSTANTS, SPELLING, is_a
 
 DEBOUNCE = 0.3
 
-_SYMBOLS = {
-    'function': lsp.SymbolKind.Function,
-    'variable': lsp.SymbolKind.Variable,
-    'label': lsp.SymbolKind.Key,
-    'define': lsp.SymbolKind.Constant,
-    'point': lsp.SymbolKind.Object,
-    'io': lsp.SymbolKind.Interface,
-    'error': lsp.SymbolKind.Event,
+_KINDS = {
+    'function': (lsp.SymbolKind.Function, lsp.CompletionItemKind.Function),
+    'variable': (lsp.SymbolKind.Variable, lsp.CompletionItemKind.Variable),
+    'parameter': (lsp.SymbolKind.Variable, lsp.CompletionItemKind.Variable),
+    'label': (lsp.SymbolKind.Key, lsp.CompletionItemKind.Reference),
+    'define': (lsp.SymbolKind.Constant, lsp.CompletionItemKind.Constant),
+    'point': (lsp.SymbolKind.Object, lsp.CompletionItemKind.Value),
+    'io': (lsp.SymbolKind.Interface, lsp.CompletionItemKind.Interface),
+    'error': (lsp.SymbolKind.Event, lsp.CompletionItemKind.Event),
 }
-"""Kinds in the outline, which has no parameters."""
-
-_ITEMS = {
-    'function': lsp.CompletionItemKind.Function,
-    'variable': lsp.CompletionItemKind.Variable,
-    'parameter': lsp.CompletionItemKind.Variable,
-    'label': lsp.CompletionItemKind.Reference,
-    'define': lsp.CompletionItemKind.Constant,
-    'point': lsp.CompletionItemKind.Value,
-    'io': lsp.CompletionItemKind.Interface,
-    'error': lsp.CompletionItemKind.Event,
-}
+"""Kinds of symbols in the outline and in completion."""
 
 
 def _word_kind(word: str) -> lsp.CompletionItemKind:
@@ -72,7 +62,7 @@ class SpelServer(LanguageServer):
         self.projects = Projects([])
         self.rc_version = VERSIONS[-1]
         self._checks: dict[Path, asyncio.Task[None]] = {}
-        self._published: set[str] = set()
+        self._published: dict[Path, set[str]] = {}
 
     def project(self, document: Document) -> tuple[Project, str] | None:
         """Return the project of a document and the document's name in it.
@@ -151,14 +141,13 @@ class SpelServer(LanguageServer):
         self._publish(project, problems)
 
     def _publish(self, project: Project, problems: Mapping[str, list[Problem]]) -> None:
-        """Send the problems of all files that have some, or had some before."""
-        for name, found in problems.items():
-            uri = uri_of(project, name)
-            if not found and uri not in self._published and name not in project.opened:
-                continue
-            self._published.add(uri)
-            items = [self._diagnostic(project, problem) for problem in found]
-            self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, items))
+        """Send the problems of all files that are open, have some, or had some before."""
+        before = self._published.get(project.path, set())
+        now = self._published[project.path] = {name for name in problems if problems[name]}
+        for name in {*before, *now, *project.opened}:
+            items = [self._diagnostic(project, problem) for problem in problems.get(name, ())]
+            params = lsp.PublishDiagnosticsParams(uri_of(project, name), items)
+            self.text_document_publish_diagnostics(params)
 
     def _diagnostic(self, project: Project, problem: Problem) -> lsp.Diagnostic:
         file, line, column = problem.position
@@ -238,23 +227,18 @@ def outline(ls: SpelServer, parameters: lsp.DocumentSymbolParams) -> list[lsp.Do
         return []
     project, name = known
     result: list[lsp.DocumentSymbol] = []
-    functions: dict[str, lsp.DocumentSymbol] = {}
+    inside: dict[str, list[lsp.DocumentSymbol]] = {}
     for symbol in project.symbols.files[name].symbols:
-        own = symbol.scope[1]
-        if symbol.kind not in _SYMBOLS or (own and symbol.kind != 'label'):
+        function = symbol.scope[1]
+        if function and symbol.kind != 'label':
             continue
         place = ls.range_of(project, symbol.place)
-        end = lsp.Position(symbol.last, 0)
-        whole = lsp.Range(place.start, end if symbol.last > symbol.place.line else place.end)
-        item = lsp.DocumentSymbol(
-            symbol.name, _SYMBOLS[symbol.kind], whole, place, symbol.detail, children=[]
-        )
-        parent = functions.get(own)
-        children = result if parent is None or parent.children is None else parent.children
-        if isinstance(children, list):
-            children.append(item)
+        end = lsp.Position(symbol.last, 0) if symbol.last > symbol.place.line else place.end
+        whole, kind = lsp.Range(place.start, end), _KINDS[symbol.kind][0]
+        item = lsp.DocumentSymbol(symbol.name, kind, whole, place, symbol.detail)
         if symbol.kind == 'function':
-            functions[symbol.name.lower()] = item
+            item.children = inside[symbol.name.lower()] = []
+        inside.get(function, result).append(item)
     return result
 
 
@@ -340,7 +324,7 @@ def completion(ls: SpelServer, parameters: lsp.CompletionParams) -> list[lsp.Com
         for symbol in project.visible(name, *ls.position(project, name, parameters.position))
     }
     items = [
-        lsp.CompletionItem(symbol.name, kind=_ITEMS[symbol.kind], detail=symbol.detail)
+        lsp.CompletionItem(symbol.name, kind=_KINDS[symbol.kind][1], detail=symbol.detail)
         for symbol in symbols.values()
     ]
     labels = symbols and all(symbol.kind == 'label' for symbol in symbols.values())

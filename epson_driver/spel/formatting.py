@@ -9,11 +9,10 @@ package: that project has both forms. Everything else of a line stays as it is.
 """
 
 import re
-from collections.abc import Iterator
 from itertools import pairwise
 
 from epson_driver.spel.expressions import is_point_literal
-from epson_driver.spel.lexer import NAME, TOKEN
+from epson_driver.spel.lexer import NAME, TOKEN, statements_in
 from epson_driver.spel.words import SPELLING
 
 DEFAULT_STEP = '  '
@@ -81,7 +80,7 @@ class _Blocks:
         if directive is not None:
             self._branch(directive[1].lower())
             return 0
-        statements = list(_statements(code))
+        statements = [[word for _, word, _ in found] for found in statements_in(code)]
         result: int | None = None
         for place, words in enumerate(statements):
             if result is None and words[1:2] == [':'] and not is_point_literal(words[0]):
@@ -116,21 +115,3 @@ class _Blocks:
             self._open = list(self._saved[-1])
         elif directive == 'endif' and self._saved:
             self._saved.pop()
-
-
-def _statements(code: str) -> Iterator[list[str]]:
-    """Yield the words and signs of each statement of a line, in lower case."""
-    words: list[str] = []
-    parallel = False
-    for match in TOKEN.finditer(code):
-        if match.lastgroup in ('space', 'comment'):
-            continue
-        parallel ^= match.group() == '!'
-        if match.group() == ';' and not parallel:
-            if words:
-                yield words
-            words = []
-        else:
-            words.append(match.group().lower())
-    if words:
-        yield words

@@ -4,6 +4,7 @@
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -74,6 +75,26 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
         else:
             result.append(Token(NAME if kind == 'name' else SYMBOL, word, position))
     return result
+
+
+def statements_in(line: str) -> Iterator[list[tuple[str, str, int]]]:
+    """Yield the statements of a line, which may have errors. `!…!` stays together.
+
+    A token is its kind, its text in lower case, and its column from 0.
+    """
+    statement: list[tuple[str, str, int]] = []
+    parallel = False
+    for match in TOKEN.finditer(line):
+        kind, word = match.lastgroup or '', match.group().lower()
+        parallel ^= word == '!'
+        if word == ';' and not parallel:
+            if statement:
+                yield statement
+            statement = []
+        elif kind not in ('space', 'comment'):
+            statement.append((kind, word, match.start()))
+    if statement:
+        yield statement
 
 
 def _unreadable(character: str) -> str:

@@ -18,7 +18,7 @@ from epson_driver.inputs.rc_files import Block, RcFileError, parsed
 from epson_driver.spel.commands import TYPES
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.functions import AXES, FUNCTIONS, POINT_FLAGS, TURNS
-from epson_driver.spel.lexer import NAME, TOKEN
+from epson_driver.spel.lexer import NAME, statements_in
 from epson_driver.spel.project_data import ERRORS, INCLUDE, IO_BLOCKS, IO_LABELS, POINTS
 from epson_driver.spel.values import POINT
 from epson_driver.spel.words import reserved
@@ -26,6 +26,9 @@ from epson_driver.spel.words import reserved
 _JUMPS = frozenset({'goto', 'gosub', 'eresume'})
 _DECLARING = frozenset({*TYPES, 'global', 'static', 'preserve'})
 _POINTS = frozenset(name for name, rule in FUNCTIONS.items() if rule.result == POINT)
+_EVERYWHERE = {'function': 'function', 'global': 'variable'}
+"""Facts about names of the whole project, and the kinds of their symbols."""
+
 _IO_KINDS = ('input', 'output', 'memory')
 _IO_WIDTHS = {1: 'bit', 8: 'byte', 16: 'word'}
 
@@ -39,7 +42,7 @@ class Place(NamedTuple):
     end: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Symbol:
     """A declared name.
 
@@ -97,17 +100,13 @@ def _facts(line: str) -> tuple[tuple[str, str, int, str, bool], ...]:
     Kinds: those of `Symbol`, 'use', 'jump' (to a label), 'global', and 'fend'.
     """
     code = line.lstrip(' \t\ufeff')
-    tokens = [
-        (match.lastgroup or '', match.group().lower(), match.start())
-        for match in TOKEN.finditer(line)
-        if match.lastgroup not in ('space', 'comment')
-    ]
     facts: list[tuple[str, str, int, str, bool]] = []
     if code.startswith('#'):
+        tokens = [token for statement in statements_in(line) for token in statement]
         if [token[1] for token in tokens[1:2]] == ['define'] and len(tokens) > 2:
             facts.append(('define', *tokens[2][1:], code.rstrip(), False))
         return (*facts, *_uses(tokens[2:]))
-    for statement in _statements(tokens):
+    for statement in statements_in(line):
         words = [token[1] for token in statement[:2]]
         if words == ['fend']:
             facts.append(('fend', '', 0, '', False))
@@ -123,23 +122,9 @@ def _facts(line: str) -> tuple[tuple[str, str, int, str, bool], ...]:
     return tuple(facts)
 
 
-def _statements(tokens: list[_Token]) -> Iterator[list[_Token]]:
-    statement: list[_Token] = []
-    for token in tokens:
-        if token[1] == ';':
-            if statement:
-                yield statement
-            statement = []
-        else:
-            statement.append(token)
-    if statement:
-        yield statement
-
-
 def _function(tokens: list[_Token], detail: str) -> Iterator[tuple[str, str, int, str, bool]]:
-    kind = 'function' if tokens[0][1] == 'function' else 'library'
-    yield kind, *tokens[1][1:], detail, False
-    if kind == 'function':
+    yield 'function', *tokens[1][1:], detail, False
+    if tokens[0][1] == 'function':
         for token, after in zip(tokens[2:], [*tokens[3:], ('', '', 0)], strict=False):
             joined = after[1][:2] == 'as' and after[1][2:] in TYPES  # AsInteger
             if token[0] == NAME and (after[1] in ('as', '(') or joined):
@@ -204,39 +189,29 @@ def symbols_of(name: str, text: str) -> FileSymbols:
     file = '' if lower.endswith(INCLUDE) else lower
     result = FileSymbols(lines=text.split('\n'))
     function = ''
-    opened = -1
+    opened: Symbol | None = None
     for number, line in enumerate(result.lines):
+        if opened is not None:
+            opened.last = number
         for kind, word, start, detail, called in _facts(line):
             if kind == 'fend':
-                function, opened = '', _end(result, opened, number)
+                function, opened = '', None
             elif kind in ('use', 'jump'):
                 use = Use(word, function, number, start, kind == 'jump', called, detail)
                 result.uses[word].append(use)
             else:
-                if kind == 'function':
-                    _end(result, opened, number - 1)
-                    function, opened = word, len(result.symbols)
+                inner = function if kind in ('variable', 'parameter', 'label') else ''
+                scope = ('', '') if kind in _EVERYWHERE else (lower if inner else file, inner)
                 place = Place(name, number, start, start + len(word))
-                scopes = {'function': ('', ''), 'library': ('', ''), 'global': ('', '')}
-                scope = scopes.get(
-                    kind,
-                    (file, '') if kind == 'define' else (lower if function else file, function),
-                )
-                kind = {'library': 'function', 'global': 'variable'}.get(kind, kind)
                 spelled = line[start : start + len(word)]
-                result.symbols.append(Symbol(kind, spelled, scope, place, detail, number))
+                kind = _EVERYWHERE.get(kind, kind)
+                symbol = Symbol(kind, spelled, scope, place, detail, number)
+                result.symbols.append(symbol)
                 if kind == 'label':
                     result.uses[word].append(Use(word, function, number, start, True, False, ''))
-    _end(result, opened, len(result.lines) - 1)
+                elif kind == 'function' and not detail.lower().startswith('declare'):
+                    function, opened = word, symbol
     return result
-
-
-def _end(file: FileSymbols, opened: int, line: int) -> int:
-    """Set the last line of an open function, and return -1: none is open."""
-    if opened >= 0:
-        old = file.symbols[opened]
-        file.symbols[opened] = Symbol(old.kind, old.name, old.scope, old.place, old.detail, line)
-    return -1
 
 
 def _labels(name: str, text: str) -> FileSymbols:
@@ -311,10 +286,11 @@ class ProjectSymbols:
 
     def function_at(self, file: str, line: int) -> str:
         """Return the function around a line, in lower case, or ''."""
+        result = ''
         for symbol in self.files[file].symbols:
             if symbol.kind == 'function' and symbol.place.line <= line <= symbol.last:
-                return symbol.name.lower()
-        return ''
+                result = symbol.name.lower()
+        return result
 
     def visible(self, file: str, function: str) -> Iterator[Symbol]:
         """Yield the symbols that a function can name."""

@@ -161,7 +161,7 @@ def test_session_with_a_client(project: Path) -> None:
     assert (project / 'main.prg').read_text() == MAIN
 
 
-def test_problems_follow_what_is_typed_and_files_that_change(project: Path) -> None:
+def test_problems_follow_typing_changed_files_and_deleted_files(project: Path) -> None:
     async def play(editor: Editor) -> None:
         assert len((await editor.problems.get()).diagnostics) == 1
         place = editor.place(', lost')['position']
@@ -175,11 +175,14 @@ def test_problems_follow_what_is_typed_and_files_that_change(project: Path) -> N
         helper.write_text(HELP.replace('Off', 'Of'))
         event = lsp.FileEvent(helper.as_uri(), lsp.FileChangeType.Changed)
         editor.client.workspace_did_change_watched_files(lsp.DidChangeWatchedFilesParams([event]))
-        shown = {}
-        while helper.as_uri() not in shown:
-            params = await editor.problems.get()
-            shown[params.uri] = [item.code for item in params.diagnostics]
-        assert shown[helper.as_uri()] == ['unknown']
+        while (params := await editor.problems.get()).uri != helper.as_uri():
+            pass
+        assert [item.code for item in params.diagnostics] == ['unknown']
+        helper.unlink()
+        editor.client.workspace_did_change_watched_files(lsp.DidChangeWatchedFilesParams([event]))
+        while (params := await editor.problems.get()).uri != helper.as_uri():
+            pass
+        assert not params.diagnostics
 
     with_editor(project, play)
 
