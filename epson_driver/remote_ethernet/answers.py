@@ -104,7 +104,7 @@ async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
 
 
 _SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}
-"""SI unit of a joint → factor from the unit of the replies (degree or mm) to it."""
+"""Factor that converts a reply (degree or mm) to SI, by SI unit."""
 
 _SHOWN_CHARACTERS = 60
 

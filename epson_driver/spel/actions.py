@@ -58,8 +58,7 @@ def wait(task: Task, time: float) -> None:
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
     """Execute `Wait condition[, time]`: wait until `test` holds or `time`, s, has passed.
 
-    TW is then True after a timeout. Without `time`, the timeout of `TMOut` applies, and is an
-    error.
+    After a timeout, TW is True. Without `time`, the timeout of `TMOut` raises an error.
     """
     limit = task.default_timeout if time is None else seconds(task, time)
 
@@ -138,7 +137,7 @@ def _other(task: Task, which: int | str) -> Task:
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
-    """Execute `Quit`: end the task `which`, if it runs, or (None) all except background tasks."""
+    """Execute `Quit`: end the task `which`, if it runs. None: all except background tasks."""
     world = task.world
     if which is not None:
         if (result := world.task(which)) is not None:
@@ -222,7 +221,7 @@ def set_trap(
 ) -> None:
     """Execute `Trap n, condition …` or `Trap event Xqt f`. Without a target, disarm the Trap.
 
-    `action`: GoTo and Call interrupt the current statement of the task. After Call, the task waits
+    `action`: GoTo and Call interrupt the current statement of the task, which, after Call, waits
     until the function has ended. Xqt starts the function as another task.
     """
     task.may('trap')
@@ -239,7 +238,7 @@ def set_trap(
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:
-    """Store the condition of `Till`, `Find` or `Sense` for motions that have the word alone."""
+    """Store the condition of `Till`, `Find` or `Sense` for later motions with the bare word."""
     task.may(name)
     task.world.conditions[name] = test
 
@@ -258,7 +257,7 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
 
 
 def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable[..., None]:
-    """Return the function of a statement that sets a bit to `switch` or writes a number (None)."""
+    """Return the function of a statement that sets a bit to `switch`. None: it writes a number."""
 
     def one(
         task: Task,

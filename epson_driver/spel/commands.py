@@ -107,7 +107,7 @@ q,q?: PDel
 q?,q?: PList
 q?,n?: Hand
 """
-"""Statements that the interpreter executes. `@` alone: the parser's method has the same name."""
+"""Statements that the interpreter executes. A bare `@` stands for `@` and the statement's name."""
 
 WITHOUT_EFFECT = (
     'ATCLR', 'AutoLJM', 'AvoidSingularity', 'CollisionDetect', 'CP_Offset', 'FineDist', 'Hordr',
@@ -144,9 +144,9 @@ SHOWN = {
     **dict.fromkeys(('accel', 'accels'), ((1, 2), (3, 4), (5, 6))),  # p69
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
-"""Statement without an argument → the lines that it displays.
+"""Statement that prints values if it has no argument → printed lines.
 
-A line has the values of the function with the same name for these arguments.
+A line contains the values of the function with the same name for these arguments.
 """
 
 

@@ -101,7 +101,7 @@ class Compiler:
         self._leaves: list[tuple[str, int]] = []
 
     def compile(self) -> None:
-        """Fill in the function's FunctionCode, and append to the list of problems."""
+        """Compile the function into its FunctionCode, and append any problems to the list."""
         code, function = self._code, self._function
         try:
             for number, parameter in enumerate(function.parameters, 1):
@@ -203,7 +203,7 @@ class Compiler:
         self._jump(end)
 
     def _through(self, pc: int) -> int:
-        """Return the instruction at which a jump to `pc` ends, if `pc` is itself only a jump."""
+        """Return the target of instruction `pc` if it is only a jump, or else `pc`."""
         while pc in self._jumps:  # they all lead forward
             pc = self._marks[self._jumps[pc]]
         return pc
@@ -710,7 +710,7 @@ class Compiler:
         self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{item}, " for item in codes)}))')
 
     def _stub_argument(self, argument: Argument) -> str:
-        """Compile an argument of a statement without simulation, which may set variables."""
+        """Compile an argument of a statement that is not simulated. Variables are by reference."""
         expressions, value = self._expressions, argument.value
         variable = self._scope.variable(value.name) if isinstance(value, Name | Apply) else None
         if variable is None:

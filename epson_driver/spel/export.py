@@ -15,7 +15,7 @@ from epson_driver.inputs.rc_files import CRLF, Block, parsed, quoted, sealed
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
 
 RC_VERSIONS = {6: '6.0.0', 7: '7.0.5', 8: '7.0.5'}
-"""Major version of RC+ → exact version for which a project is written."""
+"""Major version of RC+ → version whose project format is written."""
 
 _SINCE_7 = {
     'sRCRevision', 'bGlobalsDeclaredEachFile', 'bSimulatorButton', 'bAllowReset', 'bPalletsTab',

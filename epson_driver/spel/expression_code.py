@@ -232,7 +232,7 @@ class Expressions:
         return Code(place, kind, checked=kind in (DOUBLE, STRING))
 
     def array(self, argument: Argument) -> tuple[str, str]:
-        """Compile a whole array, and return its type, too. Raises SyntaxProblem if it is none."""
+        """Return the Python text and the type of a whole array, or raise SyntaxProblem."""
         value = argument.value
         variable = self.scope.variable(value.name) if isinstance(value, Name) else None
         if variable is None or not variable.array:

@@ -140,7 +140,7 @@ class Reader:
         return self.step()
 
     def name(self, what: str) -> Token:
-        """Read any name. Raises SyntaxProblem, which mentions `what`, for another token."""
+        """Read any name. `what` describes it in the SyntaxProblem for another token."""
         if self.here.kind != NAME:
             raise self.wrong(what)
         return self.step()

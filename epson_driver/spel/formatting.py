@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Formats SPEL+: the case of its words as in the manual, and the indentation of blocks.
 
-RC+'s editor gives words the manual's case: a public project of 22 programs, written in RC+ 6.2,
-has 12,608 of 12,651 in it, and the other ones are those of # directives, in lower case. There,
-labels and directives start in column 1. A `Case` is one step within its `Select`, a choice of this
-package: that project has both forms. Everything else of a line stays as it is.
+RC+'s editor writes words in the manual's case: in a public project of 22 programs, written in RC+
+6.2, 12,608 of 12,651 words have it, and the other words are # directives in lower case. Labels and
+directives start in column 1 there. A `Case` is indented one step within its `Select`, a choice of
+this package, because that project has both forms. The rest of a line stays unchanged.
 """
 
 import re
@@ -16,7 +16,7 @@ from epson_driver.spel.lexer import NAME, TOKEN, statements_in
 from epson_driver.spel.words import SPELLING
 
 DEFAULT_STEP = '  '
-"""Indentation of a text that has none. The step of other texts is that of their lines."""
+"""Indentation of a block in a text without any. Other texts keep their own step."""
 
 _DIRECTIVE = re.compile(r'#\s*(define|undef|ifdef|ifndef|else|endif|include)\b', re.IGNORECASE)
 _OPENING = frozenset({'function', 'do', 'for', 'select'})

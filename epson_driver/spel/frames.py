@@ -187,7 +187,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return the rotation of orientations in a frame. With BaseU it differs from the axes."""
+    """Return the rotation of orientations in a frame. With BaseU its axes rotate differently."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]

@@ -166,7 +166,7 @@ class Robot(Protocol):
         """
 
     def move(self, request: MotionRequest) -> Completion:
-        """Start a motion. Raises SpelError if refused, for example 4001 if it is out of range."""
+        """Start a motion. Raises SpelError if refused, such as 4001 for a target out of range."""
 
     def stored_point(self, point: Point) -> Point:
         """Return a point as stored in P0, P1, …: angles and pulses become a pose."""

@@ -44,7 +44,7 @@ def _string(value: float, digits: int = DOUBLE_DIGITS) -> str:
 
 
 def power(base: float, exponent: float) -> float:
-    """Return base ** exponent, always a Double. Raises SpelError if it is not finite or real."""
+    """Return base ** exponent as a Double. Raises SpelError if it is infinite or complex."""
     try:
         result: float | complex = float(base) ** float(exponent)
     except OverflowError:
@@ -66,7 +66,7 @@ _LARGEST_LONG, _LARGEST_UINT32 = 0x7FFF_FFFF, 0xFFFF_FFFF
 
 
 def _on_bits(change: Callable[[int, int], int]) -> Callable[..., int]:
-    """Return a function that applies `change` to 32 bits, with a Long or a UInt32 as result."""
+    """Return a function that applies `change` to the 32 bits of a Long or a UInt32."""
 
     def changed(value: int, number: int, unsigned: bool = False) -> int:
         if not ~_LARGEST_LONG <= value <= _LARGEST_UINT32:
@@ -191,7 +191,7 @@ def parse_string(text: str, into: Array, delimiters: str) -> int:
 
 
 def upper_bound(array: Array, dimension: int = 1) -> int:
-    """Return the upper bound of dimension 1, 2, …. Raises SpelError if it does not exist."""
+    """Return the upper bound of a dimension, from 1. Raises SpelError if it does not exist."""
     if not 1 <= dimension <= len(array.bounds):
         raise bad('UBound', f'the array has no dimension {dimension}')
     return array.bounds[dimension - 1]

@@ -78,7 +78,7 @@ LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
 MAX_WAIT_VARIABLES = 64
 _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
-"""Comparison → offset from its limit to the last (`<`, `<=`) or first (`>`, `>=`) index."""
+"""Comparison → offset of the largest (`<`, `<=`) or smallest (`>`, `>=`) value from the limit."""
 
 DEEPEST_FOR = 10
 
@@ -134,7 +134,7 @@ def check(
 ) -> list[Problem]:
     """Return all problems of a project's files on controllers of a version, by position.
 
-    `settings`: the project's settings. None: they are unknown, and none is reported as missing.
+    `settings`: the project's settings. None: unknown, and a missing setting is no problem.
     """
     problems: list[Problem] = []
     program = build_with(files, problems, problems)
@@ -159,7 +159,7 @@ def check(
 
 
 def _answered(problem: Problem, words: set[str]) -> bool:
-    """Return whether a problem is a word without a simulation for which a stub answers."""
+    """Return whether the settings have an answer for the word that is not simulated."""
     return problem.rule == 'not-simulated' and problem.text.split()[0].lower() in words
 
 
@@ -582,7 +582,7 @@ class _Lint:
             yield Problem(node.at, 'true-compare', text, warning=True)
 
     def _guard(self, node: Binary) -> Iterator[Problem]:
-        """Find `i <= 3 And a(i) = 1` if 3 is the upper bound of a: a(4) is evaluated, too."""
+        """Find `i <= 3 And a(i) = 1` if 3 is the upper bound of a: SPEL+ still evaluates a(4)."""
         guarded: dict[str, set[int]] = {}
         for item in walk(node.left):
             if isinstance(item, Binary) and item.operator in _LAST and isinstance(item.left, Name):

@@ -96,7 +96,7 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
 
 
 def unproven(functions: Mapping[str, Function]) -> Iterator[Problem]:
-    """Yield Cases with several values. The SPEL+ manual (p714) has one, like 68 projects."""
+    """Yield Cases with several values. SPEL+ manual p714 and 68 projects have single values."""
     for function in functions.values():
         for node in function.nodes:
             if isinstance(node, Select):

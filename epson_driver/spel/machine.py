@@ -384,7 +384,7 @@ class Machine:
             world.time = max(world.time, due)
 
     def _ready(self) -> Task | None:
-        """Return the task that runs next, in turn by number, or None if all wait."""
+        """Return the task that runs next, round-robin by number, or None if all tasks wait."""
         tasks = self.world.tasks
         ready = [number for number, task in tasks.items() if _can_run(task)]
         if not ready:

@@ -97,7 +97,7 @@ def save_points(task: Task, name: str) -> None:
 
 
 def _set_hand(task: Task, number: int | None = None, value: float | None = None) -> None:
-    """Execute `Hand [point[, 1|2]]`: set Righty (1) or Lefty (2), or print it without a value."""
+    """Execute `Hand [point[, 1|2]]`: set Righty (1) or Lefty (2). Without a value, print it."""
     if number is None or value is None:
         print_terminal(task, f'{_hand(task, None if number is None else point(task, number))}\n')
     else:

@@ -125,7 +125,7 @@ def _receive(
     use: Callable[[bytes], None],
     file_bytes: int = 1,
 ) -> None:
-    """Wait until `ready` returns the number of bytes to take (not 0), and call `use` with them."""
+    """Wait until `ready` returns n > 0, then call `use` with the first n received bytes."""
     if is_file(number):
         use(file_access.read(task, name, number, file_bytes))
         return
@@ -223,7 +223,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _line_end(data: bytes, terminator: bytes) -> int:
-    """Return the number of bytes of the first line and its end, or 0 if it is incomplete."""
+    """Return the length of the first line with its end, or 0 if the line is incomplete."""
     at = data.find(terminator)
     if at >= 0:
         return at + len(terminator)

@@ -117,7 +117,7 @@ class Preprocessor:
             yield Line(result[0].position, tuple(self._expanded(result)))
 
     def _refuse_declarations(self, found: list[Token]) -> None:
-        """Raise SyntaxProblem if a #define replaces a label, or gives words of a declaration."""
+        """Raise SyntaxProblem if a #define is used as a label, or expands to a declaration."""
         start = True
         for place, token in enumerate(found):
             definition = self.definitions.get(token.lower) if start else None

@@ -208,7 +208,7 @@ def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
 def _parse(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem], data: ProjectData
 ) -> list[File]:
-    """Return the parsed .prg files. Append to the lists of problems and warnings (`notes`)."""
+    """Return the parsed .prg files. Append to `problems`, and warnings to `notes`."""
     lines: dict[str, list[Line]] = {}
     for name in files:
         if name.lower().endswith('.prg'):
@@ -242,7 +242,7 @@ def build(files: Mapping[str, str]) -> Program:
 def build_with(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem] | None = None
 ) -> Program:
-    """Build a program despite problems, which are appended to the list. `notes`: warnings."""
+    """Build a program as far as possible. Append to `problems`, and warnings to `notes`."""
     notes = [] if notes is None else notes
     data = project_data(files, problems)
     parsed = _parse(files, problems, notes, data)

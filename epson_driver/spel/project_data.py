@@ -73,11 +73,11 @@ class ProjectData:
 
 
 def read_project(path: Path) -> dict[str, str]:
-    """Return the texts of a project by file name: a folder, or one .prg with its neighbours.
+    """Return the texts of a project by file name. `path`: a folder, a .sprj, or one .prg.
 
-    A .sprj, or a folder with one, stands for the .sprj and the files that it lists, if all its
-    programs exist. Its point files are those of robot 1, with the default first. Raises InputError
-    if a file cannot be read.
+    Of a folder or .sprj, only the files are read that the .sprj lists, with the point files of
+    robot 1 (the default first), if all listed programs exist. A .prg is read with the files of its
+    folder except other programs. Raises InputError if a file cannot be read, or no .prg exists.
     """
     folder = path if path.is_dir() else path.parent
     there = {
@@ -124,10 +124,7 @@ def listed_files(project: Block) -> Iterator[str]:
 
 
 def decoded(content: bytes, page: str = '') -> str:
-    """Return a decoded text: UTF-8, or a code page of RC+'s languages detected from its content.
-
-    `page` takes precedence over the detected ones if it can decode the text.
-    """
+    """Decode a text: UTF-8, or else `page`, or a code page that is detected from the content."""
     for name in ('utf-8-sig', page or _code_page(content)):
         with suppress(UnicodeDecodeError):
             return _with_line_feeds(content.decode(name))
@@ -135,7 +132,7 @@ def decoded(content: bytes, page: str = '') -> str:
 
 
 def _decoded_together(contents: Mapping[str, bytes]) -> dict[str, str]:
-    """Return the texts of a project, decoded together, because one PC wrote labels and programs.
+    """Decode the files of a project with one code page, because one PC has written them.
 
     The .sprj is decoded separately, because its fonts may be named in another code page.
     """
@@ -201,7 +198,7 @@ def _code_page(content: bytes) -> str:
 
 
 def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectData:
-    """Return points and labels of a project's files, and add problems to the list."""
+    """Return the points and labels in a project's files, and append to `problems`."""
     data = ProjectData()
     for name, text in files.items():
         lower = name.lower()
@@ -231,7 +228,6 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
 
 
 def _points(block: Block) -> PointFile:
-    """Return the points. Raises RcFileError if a number is invalid or out of range."""
     points: dict[int, Point] = {}
     labels: dict[str, int] = {}
     spelling: dict[str, str] = {}
@@ -312,11 +308,10 @@ IO_BLOCKS = {
     for number, kind in enumerate(('Input', 'Output', 'Memory'))
     for unit, width in (('Bit', 1), ('Byte', 8), ('Word', 16))
 }
-"""The blocks of IOLabels.dat."""
+"""Block of IOLabels.dat → kind of I/O, width, key of the number."""
 
 
 def _io_labels(block: Block) -> dict[tuple[int, int, int], str]:
-    """Return the labels of bits, bytes and words by kind, width and number."""
     result = {}
     for part in block.items:
         if isinstance(part, Block) and part.name in IO_BLOCKS:

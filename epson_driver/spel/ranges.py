@@ -14,7 +14,7 @@ _CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7
 """Maximum waiting time, s."""
 _MAX = 32767
-"""Maximum if the robot or its I/O, not the manual, limits a number."""
+"""Maximum of numbers that the robot or its I/O limits, but not the manual."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges

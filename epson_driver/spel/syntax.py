@@ -284,7 +284,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Stub:
-    """A statement that is not simulated (vision, conveyors, windows), answered by a test.
+    """A statement that is not simulated (vision, conveyors, windows), but has a given answer.
 
     `indices` select one of several results: `VGet find.Blob01.RobotXYU(i)`.
     """

@@ -239,7 +239,7 @@ class SharedState:
         return task
 
     def add_helper(self, task: 'Task', start: int, motion: Completion) -> 'Task':
-        """Start the task of parallel statements, with the variables of the function that moves."""
+        """Start the task of parallel statements, with the variables of the moving function."""
         helper = Task(self, FIRST_HELPER + task.number, task.type)
         moving = task.current
         helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
@@ -400,7 +400,7 @@ class Task:
         self.current.handler = handler
 
     def resumed(self) -> None:
-        """End the handling of an error. Raises SpelError if none is handled."""
+        """End the handling of an error. Raises SpelError if no error is being handled."""
         if not self.current.handling:
             raise SpelError(ErrorNumber.RESUME)
         self.current.handling = False
@@ -453,7 +453,7 @@ class Task:
         after: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait until `test` holds or `seconds` have passed. Then call `after` (True: timeout)."""
+        """Wait until `test` holds or `seconds` have passed, then call `after(timed_out)`."""
         self.since_wait = 0
         if test is not None and test():
             if after is not None:
@@ -643,7 +643,7 @@ class Task:
         fraction = min(max(percent / 100.0, 0.0), 1.0)
         self.wait(None, lambda: motion.done or motion.fraction >= fraction, scanned=True)
 
-    # Statements and functions that only a test can answer
+    # Statements and functions that are not simulated
 
     def stub(self, name: str, arguments: tuple[Any, ...]) -> None:
         """Store the stub answer of a statement in its variables. Raises SpelError without one."""
