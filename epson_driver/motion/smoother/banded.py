@@ -8,7 +8,7 @@ from epson_driver.motion.limits import Array
 
 
 def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> Array:
-    """Return x of below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i].
+    """Solve below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i] for x.
 
     All arrays have shape (k, n), for n systems of k equations. below[0] and above[-1] must be 0,
     and the matrices diagonally dominant, because there is no pivoting.
@@ -36,11 +36,11 @@ def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> 
 
 
 def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) -> Array | None:
-    """Return x of M x = right for a symmetric matrix M, or None if it is not positive definite.
+    """Return the solution x of M x = right, or None if M is not positive definite.
 
-    main, second, third: the main and the two upper diagonals, shape (n,). The last element of
-    `second` and the last two of `third` are ignored. The method uses plain Python numbers, because
-    a library's dense solver is slower for this size and starts threads.
+    M is symmetric. `main` is its main diagonal, `second` and `third` are the two diagonals above
+    it, shape (n,), with one and two ignored elements at the end. The method uses plain Python
+    numbers, because a library's dense solver is slower for this size and starts threads.
     """
     d, e, f = main.tolist(), second.tolist(), third.tolist()
     y: list[float] = right.tolist()
@@ -74,7 +74,7 @@ def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) 
 
 
 def solve_block_tridiagonal(diagonal: Array, off_diagonal: Array, right: Array) -> Array:
-    """Return the solution of a symmetric, positive definite system of b × b blocks, shape (m, b).
+    """Solve a symmetric, positive definite system of b × b blocks. Return x, shape (m, b).
 
     diagonal: blocks on the diagonal, shape (m, b, b). off_diagonal: blocks to the right of them,
     shape (m - 1, b, b). right: shape (m, b). Raises LinAlgError if a block is singular during the

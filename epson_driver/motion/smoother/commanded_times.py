@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The speeds along a path that reach its points at their commanded times, and make up delays."""
+"""The speeds along a path that reach its points at their commanded times, and make up delays.
+
+u is the path parameter, and its derivative by time, u̇, the speed.
+"""
 
 import numpy as np
 
@@ -10,7 +13,7 @@ from epson_driver.motion.smoother.request import OUTSET_US, Effort, Problem, Req
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 
 UNBOUND_SPEED = 1e6
-"""Value of u̇ where no time is commanded. It is higher than any joint limit allows."""
+"""Commanded speed u̇ where no time is commanded. It is higher than any joint limit allows."""
 
 SMOOTHED_S = 0.03
 """Maximum deviation from a knot's time caused by smoothing the commanded speeds, s."""
@@ -22,35 +25,34 @@ IN_TIME_S = 0.01
 """Delay that is not corrected, s, because the correction would make the motion uneven."""
 
 CATCH_UP_RATIO = 1.25
-"""Usual ratio to the commanded speed for making up lost time."""
+"""Usual ratio of the speed to the commanded speed while a motion makes up a delay."""
 
 MAX_CATCH_UP_RATIO = 6.0
-"""Maximum ratio to the commanded speed, for a motion that would otherwise end late."""
+"""Maximum of this ratio, for a motion that would otherwise end late."""
 
 CATCH_UP_BISECTIONS = 4
-"""Number of bisection steps that find a ratio above the usual one."""
+"""Number of bisection steps in the search for a ratio above CATCH_UP_RATIO."""
 
 LATE_END_SHARE = 0.02
 """Tolerated delay at the end, as a fraction of the remaining time."""
 
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
-"""Estimated delay of a plan relative to the speed profile, which ignores jerk, as a fraction of
-A/J: after a start from rest, and additionally at the end."""
+"""A plan is later than the speed profile, which ignores jerk. The estimated delay after a start
+from rest, and the additional delay at the end, as fractions of acceleration limit / jerk limit."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
-"""The delay for which CATCH_UP_RATIO is used, s, and the maximum multiple of its excess over 1 for
-a longer delay. The excess is proportional to the delay. A long delay is the result of a rest or a
-very slow motion."""
+"""The speed ratio is 1 + delay / FULL_CATCH_UP_DELAY_S · (CATCH_UP_RATIO - 1), where the quotient
+is at most MAX_DELAY_RATIO. A long delay is the result of a rest or a very slow motion."""
 
 HORIZON_SHARE = 0.8
-"""Fraction of the planning horizon after which the path is cut, by the times of the speed profile.
-A plan is slower than the profile."""
+"""The path is cut where the speed profile arrives after this fraction of the planning horizon,
+because a plan is slower than the profile."""
 
 
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path up to the planning horizon, and the problem and speed bounds on it."""
+    """Return the path up to the planning horizon, its planning problem, and its speed bounds."""
     effort.spend(OUTSET_US)
     problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
@@ -77,12 +79,12 @@ def within_horizon(
 
 
 def _ratio(request: Request) -> float:
-    """Return the usual ratio to the commanded speed for making up lost time."""
+    """Return CATCH_UP_RATIO, or the request's maximum ratio if it is lower."""
     return min(CATCH_UP_RATIO, request.catch_up)
 
 
 def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
-    """Return whether a plan that is about as fast as a profile reaches the end late."""
+    """Return whether a plan with about the speeds of `profile` would reach the end late."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     time_left = float(end - now)
     duration = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
@@ -104,7 +106,7 @@ def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Eff
 
 
 def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:
-    """Return the factor on the commanded speed at each knot that makes up lost time."""
+    """Return the factor for the commanded speed at each knot, to make up a delay, shape (k,)."""
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
@@ -138,9 +140,9 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return the approximate times at which a plan reaches some u, s, shape (k,).
+    """Return the approximate times at which a plan reaches path parameters, s, shape (k,).
 
-    The last u is the end of the plan.
+    places: the path parameters u, of which the last is the end of the plan.
     """
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
@@ -159,7 +161,7 @@ def stopping_time(limits: JointLimits) -> float:
 def problem_of(
     request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
-    """Return the problem on a path at `factor` times the commanded speed.
+    """Return the planning problem on a path, with the commanded speed multiplied by `factor`.
 
     factor: one number, or one per knot, shape (k,).
     """
@@ -167,9 +169,9 @@ def problem_of(
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:
-    """Return some u and the commanded u̇² there, or None if no time is commanded.
+    """Return path parameters u and the commanded u̇² at them, or None if no time is commanded.
 
-    u̇² is linear between two u. factor: multiplies the speeds, per knot, shape (k,), or everywhere.
+    factor: multiplies the commanded speed u̇ everywhere, or at each knot, shape (k,).
     """
     u = path.knots.u
     clock = request.clock[: len(u)]
@@ -190,11 +192,12 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
 
 
 def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
-    """Return some u and speeds there with which knots are passed approximately at their times.
+    """Return path parameters and the speeds at them that pass knots `u` at about `clock`, s.
 
     The speeds are the mean speeds between the knots, joined by a constant acceleration around each
-    knot. The acceleration lasts as long as the shorter adjacent interval, or less so that the knot
-    is passed within SMOOTHED_S of its time, but at least SMOOTHED_S to both sides.
+    knot. The acceleration lasts as long as the shorter adjacent interval. It is shorter if the
+    knot would otherwise be passed more than SMOOTHED_S from its time, but lasts at least
+    SMOOTHED_S before and after the knot.
     """
     intervals = np.diff(clock)
     mean = np.diff(u) / intervals

@@ -20,7 +20,7 @@ JUST_STARTED_S = 1e-6
 """Time after a start from rest during which the arm still counts as at rest, s."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
-"""Called with the time, s, and the motion that is executed from this time. None is rest."""
+"""Callback for each new motion: its start, s, and the motion, or None if the arm rests then."""
 
 
 class Execution:
@@ -47,7 +47,7 @@ class Execution:
         self.held = False
         """Whether the arm must rest on the path until `Smoother.resume`."""
         self.clock_start: float | None = None
-        """Start of the commanded times of the points, s, or None if there are none."""
+        """Time that corresponds to 0 in the points' commanded times, s, or None if none apply."""
 
     @property
     def motion(self) -> Motion:
@@ -73,13 +73,13 @@ class Execution:
 
     @property
     def near_last(self) -> bool:
-        """Whether the arm is at rest near the last point, within the merge tolerance."""
+        """Whether the arm rests near the last point, within the merge tolerance, but not at it."""
         return not self.in_motion and self._waypoints.near_last(self._position)
 
     # --- time -------------------------------------------------------------------------------
 
     def next_change(self) -> float:
-        """Return the time of the next automatic change of the executed motion, s."""
+        """Return the time at which the next plan starts or the executed motion ends, s."""
         due = math.inf if self.next is None else self.next.start
         if self.joint_motion is not None:
             return min(due, self._joint_motion_start + self.joint_motion.duration)
@@ -88,7 +88,7 @@ class Execution:
         return due
 
     def change(self, due: float) -> None:
-        """Advance time to the next automatic change, at `due` s, and make the change."""
+        """Advance time to `due`, s, and make the change that `next_change` has announced."""
         self.now = max(self.now, due)
         plan = self.plan
         if self.next is not None and self.next.start <= self.now:
@@ -134,7 +134,7 @@ class Execution:
         self.clock_start = None
 
     def rest_between(self, plan: ActivePlan, u: float) -> None:
-        """Start a rest at `u` between two points, from which another path can start."""
+        """Start a rest at path parameter `u`, between two points. The next path starts there."""
         position = plan.path.at(u)[0]
         segment = plan.path.segment(u)
         remaining = plan.path.knots.position[segment + 1] - position
@@ -155,9 +155,9 @@ class Execution:
     # --- commands ---------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Come to rest, on the path if that can be verified.
+        """Come to rest, on the path if a stop there respects the limits.
 
-        The points must already be discarded.
+        The caller must have discarded the points.
         """
         state = self.motion
         if self.at_rest:
@@ -178,7 +178,7 @@ class Execution:
         self.stopping = True
 
     def move_off_the_path(self, motion: JointMotion, elapsed: float = 0.0) -> None:
-        """Execute a motion that started `elapsed` s ago. The next points follow from its end."""
+        """Execute a joint motion that started `elapsed` s ago. The next path starts at its end."""
         self._execute(motion)
         self._joint_motion_start = self.now - elapsed
         self.paused = self.stopping = False
@@ -187,7 +187,7 @@ class Execution:
     def pause(self) -> None:
         """Stay at rest, or brake on the path.
 
-        If an immediate stop cannot be verified, the plan continues until the next plan.
+        If no immediate stop respects the limits, the plan continues until the next plan.
         """
         plan = self.plan
         if plan is None or plan.pause or self.stopping:
@@ -200,7 +200,6 @@ class Execution:
             self._execute(dataclasses.replace(plan, timing=timing, start=self.now, pause=True))
 
     def _just_started(self, plan: ActivePlan) -> bool:
-        """Return whether a plan has just started from rest."""
         from_rest = plan.timing.velocities[0] == 0.0 == plan.timing.accelerations[0]
         return bool(from_rest) and self.now - plan.start < JUST_STARTED_S
 

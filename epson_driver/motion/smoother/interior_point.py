@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """An interior-point method for the fastest timing along a path.
 
-x(u) = u̇² is the square of the speed. The method minimises the sum over m samples of
+u is the path parameter, and x(u) = u̇² the square of the speed. The method minimises the sum of
 
     w (1/√x + (x/c²)^p / (2 p c))
 
-which is the time plus a cost of exceeding the target speed c, with the minimum at x = c². The
-constraints are
+over m samples with the weights w. The first term is the time, the second one a cost of exceeding
+the target speed c. The minimum is at x = c². The constraints of a sample, called rows, are
 
-    rows · (x, x′, x″) ≤ 1, or ≤ 1/√x for some rows
+    row · (x, x′, x″) ≤ 1, or ≤ 1/√x for some rows
 
 1/√x is convex and therefore above its tangent, so each step is towards an allowed point. At a
 sample, x and its derivatives depend on three neighbouring coefficients of a spline, so a Newton
@@ -29,17 +29,18 @@ from epson_driver.motion.smoother.request import NEWTON_STEP_US, ROW_US, Effort
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3
-"""Tolerance for convergence: the excess of a row, and by default the time that could still be
-saved, relative to the time."""
+"""The search has converged if no row exceeds its right side by more than this, and (by default) if
+at most this fraction of the time could still be saved."""
 
 ACCEPTED_ROW_EXCESS = 2e-2
-"""Accepted excess of a row after the last iteration."""
+"""Excess of a row over its right side that is accepted after the last iteration."""
 
 SPEED_COST_EXPONENT = 8
 """Exponent p of the cost of a high speed (see above)."""
 
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
-"""The search ends after more than MAX_SHORT_STEPS steps shorter than MIN_STEP_SHARE."""
+"""The search ends after more than MAX_SHORT_STEPS steps that are shorter than the fraction
+MIN_STEP_SHARE of a Newton step."""
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
 """The search ends if, after MIN_ITERATIONS iterations, the initial excess of the rows has not
@@ -50,12 +51,12 @@ _UPPER = np.triu_indices(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """Cost and constraints of n coefficients, of which the first and last two are fixed.
+    """Cost and constraints of n spline coefficients. The first two and the last two are fixed.
 
     basis: matrix from three coefficients to (x, x′, x″) at each sample, shape (m, 3, 3). first:
-    index of the first of the three, shape (m,). rows: shape (m, r, 3). rooted: index of the first
-    row whose right side is 1/√x. back: distance in u from a sample back to where x is used for the
-    cost. weights, target_speeds: w and c there. The last three have shape (m,).
+    index of the first of the three, shape (m,). rows: constraints, shape (m, r, 3). rooted: index
+    of the first row whose right side is 1/√x. weights, target_speeds: w and c of the cost, shape
+    (m,). back: the cost of a sample uses x at a path parameter that is lower by this, shape (m,).
     """
 
     basis: Array
@@ -72,8 +73,8 @@ def minimise(
 ) -> Array | None:
     """Return the coefficients of the minimum, shape (n,), or None if none was found.
 
-    start: initial coefficients, shape (n,). tolerance: relative time that could still be saved, at
-    which the search ends.
+    start: initial coefficients, shape (n,). tolerance: the search ends when at most this fraction
+    of the time could still be saved.
     """
     # the samples are the last axis, because sums over rows are then faster
     rows = np.ascontiguousarray(program.rows.transpose(2, 1, 0))  # (3, r, m)
@@ -114,7 +115,7 @@ def minimise(
     cost = _cost(program)
 
     def counted(y: Array) -> Array:
-        """Return x where it is used for the cost, shape (m,)."""
+        """Return the x that the cost uses (see `Program.back`), shape (m,)."""
         result: Array = np.einsum('km,km->m', shift, y)
         return result
 
@@ -192,7 +193,7 @@ def minimise(
 
 
 def _cost(program: Program) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function that returns the cost's first and second derivative by x, shapes (m,)."""
+    """Return a function from x to the first and second derivative of the cost, shapes (m,)."""
     target_speeds, weights, p = program.target_speeds, program.weights, SPEED_COST_EXPONENT
     of_time = 0.5 * weights
     of_speed, of_speeding = of_time / target_speeds**3, (p - 1) * of_time / target_speeds**5

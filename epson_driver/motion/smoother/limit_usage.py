@@ -1,14 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Usage of the limits by a plan: the verification that every plan must pass.
+"""Usage of the limits by a plan. Every plan must pass this verification.
 
-The verification is valid at every instant, not only at samples. The motion is divided into spans,
-at the timing's breakpoints and at the times at which it passes the path's knots. In each span the
-path is a polynomial of u and the timing a polynomial of the time. So the joints' positions are
-polynomials of degree 15, and their derivatives of degree 14, 13 and 12. A polynomial is within the
-range of its Bernstein coefficients, called its hull (Farouki, Rajan 1987). The first and last
-coefficients are its values at the ends. A span whose hull exceeds a limit is halved until the
-result is certain.
+A plan has a path, with the path parameter u, and a timing u(t). The verification is valid at every
+instant, not only at samples. The motion is divided into spans at the ends of the timing's pieces
+and at the path's knots. In a span, the path is one polynomial of u, and the timing one polynomial
+of the time. So the joints' positions are polynomials of degree 15, and their derivatives of degree
+14, 13 and 12. A polynomial is within the range of its Bernstein coefficients, called its hull
+(Farouki, Rajan 1987). The first and last coefficients are its values at the ends. A span whose
+hull exceeds a limit is halved until the result is certain.
 """
 
 from dataclasses import dataclass
@@ -40,11 +40,11 @@ PASSAGE_TOLERANCE = 1e-15
 """Accuracy with which the passage of a knot is computed, in u or in s."""
 
 MAX_HALVINGS = 16
-"""Maximum number of times that a span is halved. After them, its hull is the result."""
+"""Maximum number of times that a span is halved. After that, its hull counts as its usage."""
 
 TIGHT_HULL_RATIO = 1.02
-"""Maximum ratio of the hull to the value at an end that exceeds a limit, for which the span is not
-halved."""
+"""A span that exceeds a limit at one end is not halved if its hull is at most this multiple of the
+value there."""
 
 Indices = npt.NDArray[np.intp]
 
@@ -53,9 +53,10 @@ Indices = npt.NDArray[np.intp]
 class LimitUsage:
     """Usage of the limits by a timing on a path, in each of m spans.
 
-    positions: u in the middle of each span, shape (m,). velocity, acceleration, jerk: upper bounds
-    of the usage by any joint, as multiples of the limits, shape (m,). inside: whether every joint
-    stays within its position limits, and the timing neither jumps nor reverses.
+    positions: path parameter u in the middle of each span, shape (m,). velocity, acceleration,
+    jerk: upper bounds of the usage by any joint, as multiples of the limits, shape (m,). inside:
+    whether every joint stays within its position limits, and the timing neither jumps nor
+    reverses.
     """
 
     positions: Array
@@ -133,7 +134,7 @@ class _Spans:
 
 
 def _distance(t: Array, v: Array, a: Array, j: Array) -> Array:
-    """Return the distance in u after a time, with constant jerk."""
+    """Return the increase of u in time t, from speed v and acceleration a, at constant jerk j."""
     distance: Array = t * (v + t * (a / 2.0 + t * j / 6.0))
     return distance
 
@@ -141,7 +142,7 @@ def _distance(t: Array, v: Array, a: Array, j: Array) -> Array:
 def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     """Return the spans of a timing on a path.
 
-    The segment of a span is the number of knots passed before it, because u may be rounded.
+    A span's path segment is found by counting the knots before it, because u may be rounded.
     """
     durations = np.diff(timing.times)
     reached = np.maximum.accumulate(timing.positions)
@@ -182,7 +183,7 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
 
 
 def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
-    """Return the times at which pieces of a timing pass some u, s after the pieces' starts."""
+    """Return the time from the start of each `piece` until it reaches path parameter `us`, s."""
     distances = us - timing.positions[piece]
     durations = timing.times[piece + 1] - timing.times[piece]
     v, a, j = timing.velocities[piece], timing.accelerations[piece], timing.jerks[piece]
@@ -230,10 +231,10 @@ def _continuous(timing: TimeParametrisation) -> bool:
 
 
 def _bernstein(derivative: int) -> Array:
-    """Return the matrix from a polynomial to the Bernstein coefficients of a derivative on [0, 1].
+    """Return the matrix that turns a polynomial into a derivative's Bernstein coefficients.
 
-    The polynomial of degree d = 15 has the coefficients of s¹ … s¹⁵. The matrix has the shape
-    (d, d + 1 - derivative).
+    The polynomial of s, 0 ≤ s ≤ 1, is given by its coefficients of s¹ … s¹⁵. derivative: the order
+    of the derivative. The result has shape (15, 16 - derivative).
     """
     size = 3 * DEGREE
     degree = size - derivative
@@ -252,10 +253,10 @@ _PARTS = np.cumsum([0] + [3 * DEGREE + 1 - order for order in (1, 2, 3)])
 
 
 def _powers(spans: _Spans) -> tuple[Array, Array]:
-    """Return the powers w, w² … w⁵ of the distance w(s) in u since each span's start.
+    """Return the powers w, w² … w⁵ of the increase w(s) of u since the start of each span.
 
-    s is the fraction of the span's duration. The powers are coefficients of s¹ … s¹⁵, shape
-    (m, 5, 15). The second result is w at half the duration, shape (m,).
+    s is the elapsed fraction of the span's duration. A power is given by its coefficients of
+    s¹ … s¹⁵, so the shape is (m, 5, 15). The second result is w(1/2), shape (m,).
     """
     t = spans.duration
     linear = spans.speed * t
@@ -276,9 +277,9 @@ def _powers(spans: _Spans) -> tuple[Array, Array]:
 class _SpanUsage:
     """Usage of the limits in m spans.
 
-    middles: u in the middle, shape (m,). hull: upper bounds of velocity, acceleration and jerk, as
-    multiples of the limits, shape (m, 3). outside: whether a position may exceed its limits, shape
-    (m,). undecided: whether halving the span could change the result, shape (m,).
+    middles: path parameter u in the middle, shape (m,). hull: upper bounds of velocity,
+    acceleration and jerk, as multiples of the limits, shape (m, 3). outside: whether a position
+    may exceed its limits, shape (m,). undecided: whether halving could change this, shape (m,).
     """
 
     middles: Array

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The (locally) fastest time parametrisation of a path.
 
-For x(u) = u̇², and a joint position with the derivatives q′, q″, q‴ by u, the limits are
+u is the path parameter, x(u) = u̇² the square of the speed, and q′, q″, q‴ are the derivatives of
+a joint's position by u. With the joint's limits V, A and J, the constraints are
     velocity      |q′| √x ≤ V
     acceleration  |q′x′/2 + q″x| ≤ A
     jerk          |q′x″/2 + 3q″x′/2 + q‴x| ≤ J / √x
@@ -25,7 +26,7 @@ from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 NODE_SPACING_S = 0.008
-"""Time between two nodes of the spline on the initial timing, s."""
+"""Time between two nodes of the spline x(u) in the initial timing, s."""
 
 MAX_RAMP_TIME_S = 0.024
 """Maximum duration of a ramp, s. A ramp is a start from rest, or an end at rest, with constant
@@ -35,8 +36,8 @@ SHORT_RAMP_TIME_S = 0.008
 """Maximum duration of a ramp in the second attempt, if the first one has found no timing, s."""
 
 RAMP_VIEW = 3.0
-"""Duration in which the initial ramp jerk would reach the end of the checked path, in multiples of
-the maximum duration of a ramp."""
+"""A ramp's jerk is checked on the distance that the ramp would cover in this multiple of its
+maximum duration."""
 
 MIN_NODES, MAX_NODES = 8, 180
 
@@ -45,31 +46,31 @@ VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1
 samples and the timing must respect them everywhere."""
 
 MAX_KNOTS = 4
-"""Maximum number of path knots between two nodes that have constraint rows."""
+"""Maximum number of path knots between two nodes at which the limits are constraints."""
 
 START_INTERVALS = 10
 """Number of intervals after a start in motion in which no velocity and acceleration is reserved,
-and only half of the jerk reserve."""
+and only half of JERK_RESERVE_SHARE."""
 
 FINER_RATIO = 1.03
-"""Ratio of usage to limit above which the first round adds nodes, because the nodes are too far
-apart."""
+"""The first round adds nodes where the ratio of usage to limit exceeds this, because the nodes are
+too far apart there."""
 
 COARSE_RATIO = 1.3
-"""Ratio of usage to limit above which the first round does not reduce the speed where it adds
-nodes, because the nodes are too far apart to show the allowed speed."""
+"""If the maximum of this ratio exceeds COARSE_RATIO, the first round only adds nodes and does not
+reduce the speed, because nodes too far apart do not show the allowed speed."""
 
 FINAL_INTERVALS = 4
 """Number of intervals at the end to which no nodes are added, so that the ramp to rest stays
 unchanged."""
 
 MAX_ROUNDS = 4
-"""Maximum number of rounds. Each starts with the previous timing and reduces the speed where it
-exceeds a limit."""
+"""Maximum number of rounds. Each starts with the previous timing and reduces the speed where this
+timing exceeds a limit."""
 
 EXCESS_MARGIN_RATIO = 1.01
-"""Factor by which a round divides all limits after an excess. The limits of intervals with the
-excess are divided by its square times the ratio of usage to limit."""
+"""Factor by which a round divides the limits everywhere after an excess. In the intervals with the
+excess, it divides them by the factor's square times the ratio of usage to limit."""
 
 EXCESS_NEIGHBOURS = 2
 """Number of intervals on either side of an excess whose limits are reduced with it."""
@@ -84,7 +85,7 @@ GENTLER_RAMP_RATIO = 0.7
 """Factor by which a reduction of a ramp multiplies its jerk."""
 
 Excess = tuple[Array, Array]
-"""Values of u at which a limit is exceeded, and the ratios of usage to limit there."""
+"""Path parameters u at which a limit is exceeded, and the ratios of usage to limit there."""
 
 _SAMPLES = np.array([0.02, 0.98])
 _WEIGHTS = np.array([0.5, 0.5])
@@ -169,7 +170,7 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
 def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
     """Return a ramp with its jerk reduced until it exceeds no acceleration or jerk limit.
 
-    end: u of the rest. inward: direction from there into the path, 1 or -1.
+    end: path parameter u of the rest. inward: 1 for a start from rest, -1 for an end at rest.
     """
     limits = problem.limits
     times = ramp.time * _ALONG_RAMP
@@ -197,10 +198,10 @@ def _spline(
     end_ramp: Ramp,
     spacing: float = NODE_SPACING_S,
 ) -> SpeedSpline | None:
-    """Return a spline that is slightly slower than a sampled timing, or None.
+    """Return a spline slightly slower than a sampled timing, or None if nodes would coincide.
 
-    us, vs, times: u, u̇ and time of the samples. The nodes are at equal distances in time. Return
-    None if nodes coincide or a coefficient is not positive.
+    us, vs, times: path parameter u, speed u̇ and time of the samples. Two nodes are `spacing` s
+    apart. The result is also None if the second coefficient is not positive.
     """
     start, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
@@ -218,10 +219,7 @@ def _spline(
 def _finer(
     problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
 ) -> SpeedSpline | None:
-    """Return the spline of a timing with additional nodes around some u, or None (see _spline).
-
-    places: these u.
-    """
+    """Return a timing's spline with more nodes around the u in `places`, or None (see _spline)."""
     nodes = spline.nodes
     near = np.zeros(len(nodes) - 1, dtype=bool)
     interval = np.clip(nodes.searchsorted(places, side='right') - 1, 0, len(near) - 1)
@@ -235,7 +233,7 @@ def _finer(
 def _of_speeds(
     problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline from its nodes and the speeds at `_middles`, or None (see _spline)."""
+    """Return a spline from its nodes and the speeds u̇ at `_middles`, or None (see _spline)."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None
@@ -259,15 +257,12 @@ def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Arr
 
 
 def _middles(nodes: Array) -> Array:
-    """Return the u at which each coefficient has its maximum weight, shape (N + 2,)."""
+    """Return the path parameters at which the coefficients have their maximum weight, (N + 2,)."""
     return np.concatenate((nodes[:1], (nodes[:-1] + nodes[1:]) / 2.0, nodes[-1:]))
 
 
 def _on_knots(nodes: Array, knots: Array) -> Array:
-    """Return nodes, of which the nearest one is moved to each knot of the path.
-
-    The jerk may jump at a knot.
-    """
+    """Return the nodes, the nearest one moved to each path knot, where the jerk may jump."""
     knots = knots[(knots > nodes[0]) & (knots < nodes[-1])]
     if not len(knots):
         return nodes
@@ -280,7 +275,7 @@ def _on_knots(nodes: Array, knots: Array) -> Array:
 
 
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
-    """Return the program that minimises the time of a spline within the limits.
+    """Return the optimisation program that minimises the time of a spline within the limits.
 
     The limits apply at both ends of each interval, and at both sides of path knots. The
     acceleration is continuous, so its lower bound is used on one side of a node, and its upper
@@ -334,17 +329,13 @@ def _few(knots: Array, nodes: Array) -> Array:
 
 
 def _excess(result: LimitUsage) -> Excess:
-    """Return the excess of a verified timing."""
     ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
     where = ratio > 1.0
     return result.positions[where], ratio[where]
 
 
 def _fraction(excess: list[Excess], nodes: Array) -> Array:
-    """Return the fraction of the limits to use in each interval, shape (N,).
-
-    excess: of all previous rounds.
-    """
+    """Return the fraction of the limits to use in each interval, by the excess of all rounds."""
     fraction = np.ones(len(nodes) - 1)
     for us, ratio in excess:
         where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(fraction) - 1)

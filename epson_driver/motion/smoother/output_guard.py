@@ -111,14 +111,13 @@ class OutputGuard:
 
 
 def _bounds(limits: JointLimits, dt: float) -> Array:
-    """Return the bounds of all rows for x = 0, without tolerances, shape (7, n)."""
+    """Return the bounds of all _QUANTITIES for x = 0 (see above), without tolerances, (7, n)."""
     zeros, change = np.zeros_like(limits.jerk), limits.jerk * dt
     rows = [zeros, zeros, limits.velocity, limits.acceleration, change]
     return np.array([*rows, change * dt / 4.0, change * dt**2 / 8.0])
 
 
 def _rounding(limits: JointLimits, dt: float) -> Array:
-    """Return the tolerances of all bounds, shape (7, n)."""
     position = np.full_like(limits.jerk, POSITION_TOLERANCE)
     v, a = LIMIT_TOLERANCE_SHARE * limits.velocity, LIMIT_TOLERANCE_SHARE * limits.acceleration
     return np.array([position, position, v, a, a, v + a * dt, position + (v + a * dt) * dt])

@@ -25,7 +25,7 @@ DEGREE = 5
 
 
 def _hull_of(start: float, end: float) -> Array:
-    """Return the matrix from a quintic to its Bernstein coefficients on [start, end], (6, 6)."""
+    """Return the matrix from a quintic's coefficients to its Bernstein ones on [start, end]."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
     for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments `end`, the others `start`
         polynomial = np.array([1.0])
@@ -71,9 +71,9 @@ _FREE, _LEVEL, _TURNING = 0, 1, 2
 adjacent segments within the range."""
 
 TURN_RATIO, MIN_TURN_SHARE = 1.1, 0.25
-"""Ratio of the curvature of a turning joint to the minimum, so that the segments pass the range
-check, and a lower bound of this minimum, relative to the excess of a segment's third Bernstein
-coefficient."""
+"""TURN_RATIO: ratio of the curvature of a turning joint to the minimum, so that the segments pass
+the range check. For the minimum, the fourth Bernstein coefficient of a segment is inside the limit
+by at least the fraction MIN_TURN_SHARE of the distance by which the third one exceeds it."""
 
 _TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
 """Samples s / (1 - s) for the search for the minimum curvature of a turning joint, where s is the
@@ -119,12 +119,12 @@ class Path:
         return float(self.knots.u[-1])
 
     def segment(self, u: float) -> int:
-        """Return the index of the knot at the start of the segment that contains u."""
+        """Return the index of the segment (and of its first knot) at path parameter u."""
         index = int(self.knots.u.searchsorted(u, side='right')) - 1
         return min(max(index, 0), len(self._lengths) - 1)
 
     def at(self, u: float) -> tuple[Array, Array, Array]:
-        """Return position, first and second derivative at one u, shapes (n,)."""
+        """Return position, first and second derivative at path parameter u, shapes (n,)."""
         index = self.segment(u)
         h = float(self._lengths[index])
         s = (u - float(self.knots.u[index])) / h
@@ -140,7 +140,7 @@ class Path:
         return q, first, second
 
     def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
-        """Return position and three derivatives at each u, shapes (m, n).
+        """Return position and three derivatives at the path parameters `us`, shapes (m, n).
 
         The third derivative may jump at a knot. There it is the value after the knot, or, with
         `before`, the value before it.
@@ -160,10 +160,10 @@ class Path:
         )
 
     def taylor(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
-        """Return the Taylor polynomials of segments about one u in each, shape (m, 6, n).
+        """Return a Taylor polynomial of each segment, coefficients of powers 0 to 5, (m, 6, n).
 
-        segment: indices of the segments, shape (m,). offset: distance in u from the segments'
-        first knots, shape (m,). The result has the coefficients of powers 0 to 5.
+        segment: indices of the segments, shape (m,). offset: path parameter u about which the
+        polynomial is expanded, measured from the segment's first knot, shape (m,).
         """
         h = self._lengths[segment]
         powers = np.vander(offset / h, DEGREE + 1, increasing=True)
@@ -224,8 +224,8 @@ def through(
 
     The knots (one or more) stay unchanged. If not `clamped`, there is a single knot at rest, whose
     derivatives are free. A joint that would leave its position limits between two points gets a
-    slope of 0 at a point instead. At the last point, the path can continue within the limits,
-    unless the point is `final`, with a rest after it.
+    slope of 0 at a point instead. The path leaves room to continue within the limits after the
+    last point, unless `final`, which means that a rest follows.
     """
     chain = np.concatenate([knots.position[-1:], points])
     u = knots.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))

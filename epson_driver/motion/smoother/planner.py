@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner, a function from a request to a plan without any state.
 
-A plan is a path, and a timing on it that ends at rest and is verified against every limit. The
-simulated controller runs the planner in a separate process.
+A plan is a path with the path parameter u, and a timing u(t) that ends at rest and is verified
+against every limit. The simulated controller runs the planner in a separate process.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
 of the path allows."""
 
 MIN_SEGMENT_SHARE = 0.1
-"""Minimum fraction of a segment before the rest. Below it, the rest is at the previous knot."""
+"""A rest less than this fraction of a segment after a knot is moved to the knot."""
 
 
 def _pause(problem: Problem) -> TimeParametrisation | None:
@@ -50,7 +50,7 @@ def _pause(problem: Problem) -> TimeParametrisation | None:
 
 
 def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
-    """Return the fastest verified timing to the end of a part of the path, or None."""
+    """Return the fastest verified timing to rest at the end of `path`, a part of the problem's."""
     shorter = dataclasses.replace(problem, path=path, commanded=None)
     timing = optimal.propose(shorter, SpeedBounds(shorter))
     if timing is None or not problem.usage(timing).allowed:
@@ -59,7 +59,7 @@ def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
 
 
 def _until(path: Path, start: float, end: float) -> Path:
-    """Return the path from the segment of `start` to `end`, or to a knot just before `end`."""
+    """Return the path from the segment of u = `start` to u = `end` or to a knot just before."""
     knots = path.knots
     first, last = path.segment(start), path.segment(end)
     part = (end - knots.u[last]) / (knots.u[last + 1] - knots.u[last])
@@ -78,7 +78,7 @@ def _until(path: Path, start: float, end: float) -> Path:
 
 
 URGENT_SHARE = 0.15
-"""Additional effort for an urgent plan, as a fraction of the effort of a plan."""
+"""Additional computing effort for an urgent plan, as a fraction of MAX_EFFORT_US."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of the algorithms that find a timing (`Plan.proposer`)."""
@@ -94,7 +94,7 @@ BRANCH_TOLERANCE = 1e-2
 
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
-    """Return a verified plan, or None if none was found. Then the current plan continues."""
+    """Return a verified plan, or None if none was found and the current plan must continue."""
     first = _path(request, request.knots, limits)
     effort = Effort()
     if request.pause:

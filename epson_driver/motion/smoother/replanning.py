@@ -20,20 +20,20 @@ START_DELAY_S = 0.03
 """Delay of a start from rest to a short motion, s, during which more points may arrive."""
 
 MAX_START_DELAY_S = 0.1
-"""Maximum delay of a start while timed points arrive and their motion would end before the next
-plan, s."""
+"""Maximum delay of a start from rest, s. A start waits if the points have times and the motion
+through the known points would end before the next plan."""
 
 MIN_PERIOD_S = 0.03
 """Minimum time between two plans, s."""
 
 MIN_POINTS = 3
-"""Minimum number of points in a request, if they are known."""
+"""Minimum number of points in a request, if as many are known."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
-"""Time before the end of a plan at which it may be replaced, in multiples of the stopping time."""
+"""Time before its end from which a plan may be replaced, in multiples of the stopping time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""Fraction of the time of RESERVE_IN_STOPPING_TIMES in which even a slow plan is used."""
+"""Last fraction of this time, in which even a plan with a slow motion is accepted."""
 
 LATE_TOLERANCE_S = 1e-9
 """Maximum time by which a plan may start in the past because of rounding, s."""
@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 class PendingRequest:
     """A request whose plan has not arrived yet.
 
-    route: waypoints of its knots and points. more: whether more waypoints are known.
+    route: waypoints of its knots and points. more: whether waypoints after the route are known.
     """
 
     request: Request
@@ -173,7 +173,6 @@ class Replanning:
         return 0.0 < plan.end - execution.now - self.latency < self._reserve
 
     def _should_start(self) -> bool:
-        """Return whether to start from rest now."""
         execution, waypoints = self._execution, self._waypoints
         now = execution.now
         if execution.held or now < waypoints.rest_until:
@@ -255,9 +254,10 @@ class Replanning:
         return PendingRequest(request, route, more)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
-        """Add waypoints to the route up to the next rest. Return whether more are known.
+        """Add the waypoints up to the next rest to the route. Return False if all were added.
 
-        At least MIN_POINTS waypoints are added, and those until the commanded time `end`, s.
+        Those after the commanded time `end`, s, are added only if they are among the first
+        MIN_POINTS.
         """
         waypoints = self._waypoints
         known = len(route)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The request to the planner, its plan, and the problem that it solves.
 
+u is the path parameter, u̇ and ü are its derivatives by time, and q′ the joint positions' by u.
+
 Requests and plans can be pickled, so that a separate process can plan. The computing effort of a
 plan is estimated from the dominant operations instead of measured, so that plans are reproducible.
 Its unit is 1 µs on one core of a PC of 2024.
@@ -22,22 +24,22 @@ from epson_driver.motion.smoother.waypoints import Waypoint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """A planning request: a motion from a state, along k knots and then through m points."""
+    """A planning request: start from a state, follow a path along k knots, then pass m points."""
 
     start: float | None
     """Start time of the plan on the smoother's clock, s. None: the arm is at rest, and the plan
     starts when it arrives."""
     state: State
-    """u and its derivatives at the start."""
+    """Path parameter u at the start, and its derivatives u̇ and ü."""
     knots: Knots
-    """First knots of the path, which are those of the current path from the one before `state`
-    on. A path from rest has a single knot."""
+    """First knots of the path: those of the current path around `state`, or one knot at rest."""
     current_knots: Knots | None
-    """All knots of the current path from the one before `state` on, or None."""
+    """All knots of the current path from the last one before `state`, or None: at rest, or if the
+    current path includes points beyond this request."""
     points: Array
     """Positions after the knots, shape (m, n), rad."""
     clock: Array
-    """Time at which each knot and point should be reached, shape (k + m,), s, with any origin."""
+    """Time at which each knot and point should be reached, from any zero, shape (k + m,), s."""
     timed: npt.NDArray[np.bool_]
     """Whether each time in `clock` is commanded instead of estimated, shape (k + m,)."""
     lag: float
@@ -45,15 +47,15 @@ class Request:
     pause: bool
     """Whether to come to rest on the path as soon as possible."""
     horizon: float
-    """Approximate maximum planning horizon, s."""
+    """Approximate maximum duration of the planned motion, s."""
     urgent: bool
-    """Whether a slow plan is better than none."""
+    """Whether to accept a plan with a slow motion if no other plan is found."""
     current_timing: TimeParametrisation | None = None
     """The current plan's timing from `state` on, along `current_knots`, or None."""
     whole: bool = False
     """Whether the trajectory ends at the last point."""
     catch_up: float = math.inf
-    """Maximum ratio to the commanded speed for making up lost time."""
+    """Maximum ratio of the speed to the commanded speed while a motion makes up a delay."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,13 +106,13 @@ class ActivePlan:
         )
 
     def clock(self, time: float) -> float:
-        """Return when the position at `time` should be reached, s, by `clocks`."""
+        """Return when the position at `time` should be reached, s, interpolated in `clocks`."""
         u, _, _ = self.timing.at(time - self.start)
         return float(np.interp(u, self.path.knots.u, self.clocks))
 
 
 MAX_EFFORT_US = 46_000
-"""Maximum effort of a plan, µs."""
+"""Maximum computing effort of a plan, µs."""
 
 NEWTON_STEP_US, ROW_US = 90, 0.032
 """Effort of a Newton step of `interior_point`, and of each of its rows, µs."""
@@ -119,7 +121,7 @@ VERIFICATION_US, PIECE_US = 600, 2.5
 """Effort of the verification of a timing, and of each of its pieces, µs."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""Effort of a path with its speed bounds, and of a round of Newton steps without the steps, µs."""
+"""Effort of a path with its speed bounds, and of a round of Newton steps except the steps, µs."""
 
 
 @dataclass(slots=True)
@@ -140,10 +142,10 @@ class Effort:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """The problem of a fast motion along a path, from the state `start` to rest at its end.
+    """The planning problem: the fastest motion from the state `start` to rest at the path's end.
 
-    commanded: some u, increasing, and the maximum u̇² there, shapes (c,). u̇² is linear between two
-    u. With None, only the limits apply. effort: the available computing effort.
+    commanded: path parameters u, increasing, and the maximum u̇² at them, shapes (c,), which is
+    linear in between. None: only the limits apply. effort: the available computing effort.
     """
 
     path: Path
@@ -154,7 +156,7 @@ class Problem:
 
     @property
     def end(self) -> float:
-        """Position u at which the motion comes to rest."""
+        """Path parameter u at which the motion comes to rest."""
         return self.path.end
 
     def usage(self, timing: TimeParametrisation) -> LimitUsage:
@@ -163,7 +165,7 @@ class Problem:
         return limit_usage(self.path, timing, self.limits)
 
     def fastest(self, first: Array) -> Array:
-        """Return the highest u̇ that the velocity limits allow, shape (m,).
+        """Return the highest speeds u̇ that the velocity limits allow at m samples, shape (m,).
 
         first: derivatives q′ of the path, shape (m, n).
         """
@@ -172,9 +174,9 @@ class Problem:
         return bounds
 
     def target_speeds(self, us: Array, first: Array) -> Array:
-        """Return the highest u̇ that the velocity limits and `commanded` allow, shape (m,).
+        """Return the highest speeds u̇ that the velocity limits and `commanded` allow, shape (m,).
 
-        us: shape (m,). first: derivatives q′ of the path there, shape (m, n).
+        us: path parameters, shape (m,). first: derivatives q′ of the path at them, shape (m, n).
         """
         fastest = self.fastest(first)
         if self.commanded is None:

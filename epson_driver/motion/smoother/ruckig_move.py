@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Timings that are a single jerk-limited move along the path, or a stop, found by Ruckig."""
+"""Timings that are a single jerk-limited move along the path, or a stop, found by Ruckig.
+
+u is the path parameter, u̇, ü, u⃛ are its derivatives by time, and q′ the joint positions' by u.
+"""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter
@@ -20,13 +23,13 @@ REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
 """Lengths of a move that are tried, in stopping distances of a joint at its velocity limit."""
 
 SLOW_TIME_RATIO = 5.0
-"""Ratio above which a move is slow, of its duration to the duration at the highest speed plus a
-stop. A sharp bend slows down the whole move, because it has a single maximum speed. Then a move
+"""A move is slow if it takes more than this multiple of the time at the highest speed plus a stop.
+A sharp bend slows down the whole move, because the move has a single maximum speed. Then a move
 that ends before the bend is better."""
 
 HARDNESS_SHARES = (0.999, 0.9, 0.5, 0.2)
-"""Fractions, which are tried, of the acceleration and jerk that the path's slope alone would
-allow. The first one is slightly below 1 because of rounding on a path without bends."""
+"""Fractions of the acceleration and jerk allowed by the path's slope alone, which are tried. The
+first one is slightly below 1 because of rounding on a path without bends."""
 
 SPEED_BISECTIONS = 6
 
@@ -40,8 +43,8 @@ MIN_SPEED_SHARE = 3e-3
 def propose(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move with the highest mean speed, or None if none was found.
 
-    The move may end before the end of the path. If all moves are slow, return the one with the
-    shortest duration from rest, but None in motion, because the current plan ends soon and a start
+    The move may end before the end of the path. If all moves are slow, a start from rest uses the
+    shortest one. In motion the result is then None, because the current plan ends soon and a start
     from rest has more options.
     """
     limits = problem.limits
@@ -90,7 +93,7 @@ def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
 def _fastest(
     problem: Problem, end: float, velocity: float, acceleration: float, jerk: float
 ) -> TimeParametrisation | None:
-    """Return the verified move with the highest speed, found by bisection, or None.
+    """Return the verified move to u = `end` with the highest speed, by bisection, or None.
 
     A speed can also be too low for the initial state, so that the move would reverse.
     """
@@ -147,7 +150,7 @@ def gentle_stop(
 def move(
     start: State, end: float, velocity: float, acceleration: float, jerk: float
 ) -> TimeParametrisation | None:
-    """Return the fastest move to rest at `end` within bounds of u̇, ü, u⃛, or None."""
+    """Return the fastest move to rest at u = `end`, or None. The bounds are of u̇, ü and u⃛."""
     inp = InputParameter(1)
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
         [value] for value in start
@@ -162,7 +165,7 @@ def move(
 
 
 def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation | None:
-    """Return the fastest stop within bounds of ü, u⃛, or None."""
+    """Return the fastest stop, or None. The bounds are of ü and u⃛."""
     inp = InputParameter(1)
     inp.control_interface = ControlInterface.Velocity
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
@@ -183,7 +186,7 @@ def _solved(inp: InputParameter) -> TimeParametrisation | None:
 
 
 def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
-    """Return upper bounds of u̇, ü, u⃛ on the path up to `end`, from its slope q′ alone."""
+    """Return upper bounds of u̇, ü, u⃛ on the path up to u = `end`, from its slope q′ alone."""
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
     limits = problem.limits

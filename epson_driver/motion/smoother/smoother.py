@@ -79,7 +79,7 @@ class Smoother:
             self._replanning.news = True
 
     def stop(self) -> None:
-        """Discard all points and come to rest, on the path if that can be verified."""
+        """Discard all points and come to rest, on the path if a stop there respects the limits."""
         self._forget()
         self._execution.stop()
 
@@ -87,7 +87,7 @@ class Smoother:
         """Discard all points, and move through other points, shape (k, n), from any state.
 
         A moving arm moves in joint space to the first of them, where it rests for an instant. If
-        this is impossible, or the arm is `held`, it stops first. Raises like `append`.
+        this is impossible, or the arm is `held`, it stops first. Raises ValueError like `append`.
         """
         times = [None] * len(points) if durations is None else durations
         if len(times) != len(points):

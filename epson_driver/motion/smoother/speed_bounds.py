@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest speeds on a path, mostly without regard to jerk, from which `optimal` starts.
 
-The method integrates dx/du = 2ü, for x = u̇², once backward and once forward (Bobrow et al. 1985).
+u is the path parameter, x = u̇² the square of the speed, and q″, q‴ are the joints' derivatives by
+u. The method integrates dx/du = 2ü, once backward and once forward (Bobrow et al. 1985).
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from epson_driver.motion.smoother.request import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
-"""Fractions of the acceleration limit that are used for the total acceleration, and for q″u̇²."""
+"""Fractions of the acceleration limit that are used in total, and for q″u̇² alone. The second one
+also applies to the jerk limit, for q‴u̇³."""
 
 MIN_SAMPLES = 160
 """Minimum number of samples of a path. There are at least two per segment."""
@@ -25,7 +27,7 @@ MANY_KNOTS = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedProfile:
-    """Speeds u̇ at positions u, and the times from the first position, s, shapes (m,)."""
+    """Speeds u̇ at path parameters u, and the times since the first of them, s, shapes (m,)."""
 
     positions: Array
     speeds: Array
@@ -33,7 +35,7 @@ class SpeedProfile:
 
 
 class SpeedBounds:
-    """Samples u of a problem's path, and bounds of u̇ there, shapes (m,)."""
+    """Upper bounds of u̇, `speeds`, at path parameters u, `positions`, of a path, shapes (m,)."""
 
     __slots__ = ('_max_acceleration', '_start', 'positions', 'speeds')
 
@@ -56,9 +58,9 @@ class SpeedBounds:
             self._max_acceleration = np.min(remaining / np.abs(first), axis=1)
 
     def profile(self) -> SpeedProfile:
-        """Return the fastest speeds from the problem's start to rest at its end.
+        """Return the fastest speeds from the initial state to rest at the end of the path.
 
-        If the start is faster than the bounds, maximum braking follows.
+        If the initial speed exceeds the bounds, the profile starts with maximum braking.
         """
         start, start_speed, _ = self._start
         ahead = self.positions > start + 1e-12

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The square of the speed along a path, x(u) = u̇², as a quadratic B-spline between two ramps.
 
-ü = x′/2 and u⃛ = x″√x/2, so a joint's limit at some u is a constraint of three coefficients. Near
-rest, x ∝ u^(4/3), which is no polynomial. Therefore a timing starts and ends with a ramp of
-constant jerk.
+u is the path parameter. ü = x′/2 and u⃛ = x″√x/2, so a joint's limit at one u is a constraint of
+three coefficients. Near rest, x ∝ u^(4/3), which is no polynomial. Therefore a timing starts and
+ends with a ramp of constant jerk.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Ramp:
 
     @property
     def length(self) -> float:
-        """Length of the ramp in u."""
+        """Length of the ramp, in path parameter u."""
         return self.jerk * self.time**3 / 6.0
 
     @property
@@ -49,7 +49,7 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedSpline:
-    """x(u) on N intervals between two ramps.
+    """Square of the speed, x(u), on N intervals of the path parameter u between two ramps.
 
     nodes: ends of the intervals, shape (N + 1,). coefficients: shape (N + 2,). On interval i, x
     depends on the coefficients i to i + 2.
@@ -66,7 +66,7 @@ class SpeedSpline:
         return np.diff(self.nodes)
 
     def timing(self, start: State, end: float) -> TimeParametrisation | None:
-        """Return the timing with the spline's u, u̇, ü at its nodes, or None if x is not positive.
+        """Return the timing with the spline's u, u̇, ü at its nodes, or None if a sampled x ≤ 0.
 
         Between two nodes it has three pieces of constant jerk and equal duration, because fewer
         cannot match u, u̇ and ü at both nodes.

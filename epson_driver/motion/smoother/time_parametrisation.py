@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Time parametrisations, called timings: the position u(t) on a path over time.
+"""Time parametrisations, called timings: the path parameter u(t) over time.
 
-u is the parameter of a path. A timing consists of pieces of constant jerk.
+A timing consists of pieces of constant jerk, which is the third derivative of u.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from ruckig import Trajectory as RuckigTrajectory
 from epson_driver.motion.limits import Array
 
 State = tuple[float, float, float]
-"""Position u on the path, and its velocity and acceleration."""
+"""Path parameter u, and its velocity u̇ and acceleration ü."""
 
 MIN_PIECE_S = 1e-9
 """Duration below which a piece of a Ruckig trajectory is ignored as rounding, s."""
@@ -41,11 +41,11 @@ class TimeParametrisation:
 
     @property
     def end(self) -> float:
-        """Position u at the end."""
+        """Path parameter u at the end."""
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:
-        """Return the state at one time: the initial state before the start, rest after the end."""
+        """Return the state at one time: the initial one before the start, a rest after the end."""
         if time >= self.times[-1]:
             return self.end, 0.0, 0.0
         piece = max(int(self.times.searchsorted(time, side='right')) - 1, 0)
@@ -122,7 +122,7 @@ def from_pieces(
 ) -> TimeParametrisation:
     """Return the timing of pieces with constant jerks, shapes (k,), from a state to rest.
 
-    `end`: position of the rest, if known, which replaces the integrated position.
+    `end`: path parameter u of the rest, if known. It replaces the integrated value.
     """
     times = np.append(0.0, np.cumsum(durations))
     a = start[2] + np.append(0.0, np.cumsum(durations * jerks))
@@ -141,7 +141,7 @@ _THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
 
 
 def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametrisation:
-    """Return the timing through states, shapes (k + 1,), with three equal pieces between two."""
+    """Return the timing through k + 1 states, with three pieces of equal duration between two."""
     t = np.diff(times)
     integrals = np.stack(
         [

@@ -14,7 +14,7 @@ MERGE_TOLERANCE = 5e-4
 """Distance below which two points are merged into one, rad or m in every joint."""
 
 MIN_DWELL_S = 0.2
-"""Minimum duration of a repeated point that commands a rest, s."""
+"""A repeated point commands a rest if its duration is at least this, s."""
 
 MIN_MOVE = 5e-7
 """Distance below which an arm at rest ignores a move, rad or m, because messages carry float32."""
@@ -111,7 +111,7 @@ class Waypoints:
         self._number += 1
 
     def waiting_since(self) -> float:
-        """Return the time since which a point waits for the arm, which is at rest, s.
+        """Return the time since which a point has been waiting for the arm to start from rest, s.
 
         A point that was merged into the origin before the rest waits since the start of the rest.
         """
@@ -166,7 +166,7 @@ class Waypoints:
         return max(self.last.clock - rested, 0.0) + max(self.rest_until - now, 0.0)
 
     def checked(self, position: Array, duration: float | None, name: str) -> Array:
-        """Return a position with rounding beyond the limits clipped.
+        """Return a position, clipped to the limits if it exceeds them only by rounding.
 
         name: name of the point in error texts. Raises ValueError if the position or the duration
         is invalid.
@@ -197,7 +197,7 @@ class Waypoints:
         return inside
 
     def _turns_back(self, position: Array) -> bool:
-        """Return whether a point near the last waypoint is much nearer to the waypoint before."""
+        """Return whether a point is nearer to the last segment's start than half its length."""
         if self.last is self.origin or self.last.tiny:
             return False
         last, new = np.abs(np.array([self.last.anchor, position]) - self._before).max(axis=1)
