@@ -90,12 +90,17 @@ def host(text: str) -> str:
 
 
 def parsed(
-    parser: argparse.ArgumentParser, words: Sequence[str] | None = None
+    parser: argparse.ArgumentParser,
+    words: Sequence[str] | None = None,
+    *,
+    positional: str = 'robot_ip',
+    refused: str = '',
 ) -> argparse.Namespace:
-    """Return the parsed arguments of a command that accepts robot.yaml.
+    """Return the parsed arguments of a command.
 
     A robot's file replaces an address, or the model after --robot. Its other values replace the
-    parser's defaults.
+    parser's defaults. positional: the setting that it replaces elsewhere. refused: why the command
+    accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)
@@ -103,12 +108,14 @@ def parsed(
         option, _, name = word.rpartition('=')
         if not is_robot_file(name):
             continue
+        if refused:
+            parser.error(f'{printable(name)}: {refused}')
         try:
             settings = robot_settings(name)
         except InputError as error:
             parser.error(str(error))
         option = option or (words[index - 1] if index else '')
-        key = 'robot_model' if option == '--robot' else 'robot_ip'
+        key = 'robot_model' if option == '--robot' else positional
         words[index] = f'{word[: -len(name)]}{settings.get(key, DEFAULT_MODEL)}'
         defaults = settings | {'robot': settings.get('robot_model')}
         if option == '--host' and settings.get('remote_port'):

@@ -27,7 +27,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from epson_driver.cli.arguments import argument, help_texts
+from epson_driver.cli.arguments import argument, help_texts, parsed
 from epson_driver.inputs import count, number, printable
 from epson_driver.node.ros_process import polled_subscription, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
@@ -205,7 +205,7 @@ def main() -> int:
         metavar='S',
         help='run time, s (default: until Ctrl-C)',
     )
-    arguments = parser.parse_args()
+    arguments = parsed(parser, refused='fleet simulates its robots: choose them with --robots')
     console = Console(highlight=False)
     interrupt.raise_at_first_signal()
     up, rows = False, list[Row]()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, host
+from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, host, parsed
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL, missing
@@ -22,6 +22,8 @@ from epson_driver.trajectory_file import read_trajectory
 
 PORT = 8080
 
+SHOWS_DRIVERS = 'the panel shows the drivers that run: start `epson_driver client` with this file'
+
 TOKEN_BYTES = 24
 """Random bytes in the token of a panel that other machines can reach."""
 
@@ -30,7 +32,7 @@ def main() -> int:
     """Serve the page until SIGINT or SIGTERM, and return 0. Returns 1 if that is impossible."""
     parser = _parser()
     try:
-        options = parser.parse_args(remove_ros_args(sys.argv)[1:])
+        options = parsed(parser, remove_ros_args(sys.argv)[1:], refused=SHOWS_DRIVERS)
     except (RuntimeError, ValueError) as error:  # from rcl
         print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
         return 1

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from epson_driver.cli.arguments import help_texts, picture
+from epson_driver.cli.arguments import help_texts, parsed, picture
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
@@ -40,7 +40,7 @@ class Sheet:
 def main() -> int:
     """List the models, or show one, and return 0. Exits with 2 if the model is unknown."""
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parsed(parser, positional='robot_model')
     if arguments.moveit and not arguments.model:
         parser.error('--moveit: MODEL is missing')
     if arguments.picture and not arguments.model:

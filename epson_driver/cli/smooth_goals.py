@@ -7,10 +7,12 @@ import sys
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import help_texts
+from epson_driver.cli.arguments import help_texts, parsed
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
 from epson_driver.node.smooth_goals import DEFAULT_NAME, SmoothGoals
+
+NO_ADDRESS = 'smooth_goals has no address: it forwards goals to a driver that runs'
 
 
 def main() -> int:
@@ -29,7 +31,7 @@ def main() -> int:
         ),
     )
     try:
-        parser.parse_args(remove_ros_args(sys.argv)[1:])
+        parsed(parser, remove_ros_args(sys.argv)[1:], refused=NO_ADDRESS)
     except (RuntimeError, ValueError) as error:  # from rcl. ValueError: not valid text
         print(f'{parser.prog}: {printable(error)}', file=sys.stderr)
         return 1

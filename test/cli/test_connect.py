@@ -124,6 +124,25 @@ def test_simulation_of_a_robot_file_and_explicit_options(file, monkeypatch, caps
     assert 'must be a file made by connect' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ('name', 'text'),
+    [
+        ('panel', 'start `epson_driver client` with this file'),
+        ('fleet', 'fleet simulates its robots'),
+        ('smooth_goals', 'smooth_goals has no address'),
+    ],
+)
+def test_command_without_an_address_refuses_the_file_with_the_reason(file, name, text):
+    run = command(name, str(file))
+    assert run.returncode == 2
+    assert f'{file}: ' in run.stderr
+    assert text in run.stderr
+
+
+def test_robots_shows_the_model_of_the_file(file):
+    assert command('robots', str(file)).stdout == command('robots', 't6_602s').stdout
+
+
 def test_launch_argument_robot_fills_the_empty_arguments(file):
     values = {item['name']: item['default_value'] for item in launch_arguments(*INTERFACE)}
     values |= {'interface': '', 'robot': str(file)}
