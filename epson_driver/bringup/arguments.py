@@ -188,8 +188,8 @@ def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
 def misspelled_arguments(names: Iterable[str]) -> list[str]:
     """Return a warning for each name that resembles an argument of this package's launch files.
 
-    `names`: of all launch configurations. Other unknown names are not reported, because
-    they may belong to a launch file that includes one of this package.
+    `names`: names of all launch configurations. Other unknown names are not reported, because they
+    may belong to a launch file that includes one of this package.
     """
     result = ((name, near_name(name, _ROWS)) for name in names if name not in _ROWS)
     return [
@@ -203,7 +203,7 @@ def end_launch(name: str) -> Callable[[Any, Any], list[Any]]:
     """Return an `on_exit` handler that ends the launch when a process ends.
 
     `ros2 launch` then exits with code 1 if the process failed, so that a supervisor restarts it.
-    launch has no action for an exit code. An exception in a handler is its only other source.
+    The handler raises an exception for that, because launch has no action that sets an exit code.
     """
 
     def on_exit(event: Any, context: Any) -> list[Any]:

@@ -277,7 +277,8 @@ class Connection(asyncio.BufferedProtocol):
     def _check_silence(self, turns: int) -> None:
         """End the connection if the receive timeout has expired, else schedule the next check.
 
-        At the end of a slice, `turns` more iterations of the event loop read pending data first.
+        The check at the end of a slice first waits `turns` iterations of the loop for pending
+        data.
         """
         silence = self._silence
         if silence is None or self.transport.is_closing():

@@ -112,7 +112,7 @@ class Link:
         self.port = port
         self.state = LinkState.DISCONNECTED
         self.dialect = Dialect(byte_order or ByteOrder.LITTLE)
-        """Dialect of sent messages, which follows received joint positions. It may be set."""
+        """Dialect of sent messages. Received joint positions and `follow` change it."""
         self.statistics = LinkStatistics()
         self._byte_order = byte_order
         self._on_packet = on_packet
@@ -137,7 +137,8 @@ class Link:
         self.failure: Exception | None = None
         """The exception of the last connection attempt that failed, or None."""
         self.joints_withheld = False
-        """Whether missing joint positions are normal in the controller's present state."""
+        """Whether it is normal in the controller's present state that it sends no joint
+        positions."""
         self.last_received = 0.0
         """Loop time of the last read, s."""
 
@@ -209,7 +210,7 @@ class Link:
         return waiting
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Stop waiting for a reply. A late reply with a sequence is not matched to others."""
+        """Stop waiting for a reply. If the request has a sequence, a late reply is not matched."""
         self._pending.give_up(waiting)
 
     def send_topic(self, message: Message) -> None:
@@ -252,7 +253,7 @@ class Link:
     async def _connect_and_receive(self) -> float | None:
         """Connect, and receive until the connection ends.
 
-        Return the loop time at which it was established, s, or None if it was not.
+        Return the loop time at which the connection was established, s, or None if it failed.
         """
         loop = asyncio.get_running_loop()
         connection = Connection(self._receivers, self._new_framer(), self._receive_timeout)

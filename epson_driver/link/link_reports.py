@@ -16,7 +16,7 @@ SHORT_S = 0.2
 """Duration below which a connection counts as closed immediately, s."""
 
 MAX_SHORT = 3
-"""Successive connections closed immediately after which their cause is logged."""
+"""Number of successive connections shorter than SHORT_S after which a likely cause is logged."""
 
 TURNED_AWAY = 'another client is connected, or its program is not running'
 """Explanation for a controller that closes connections immediately."""

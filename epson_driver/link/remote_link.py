@@ -119,7 +119,7 @@ class _Request:
     """The command without its `$`."""
     on_reply: OnReply
     sent: float = 0.0
-    """Loop time, s."""
+    """Loop time of sending, s."""
 
     @property
     def name(self) -> str:
@@ -172,7 +172,7 @@ class RemoteLink(Link):
         return self._motion is not None
 
     def move(self, text: str, on_reply: OnReply) -> None:
-        """Send statements that move the arm as `$Execute`.
+        """Send `text`, SPEL+ statements that move the arm, as `$Execute`.
 
         Raises ConnectionError if the link is not connected or the controller does not read.
         """
@@ -306,7 +306,6 @@ class RemoteLink(Link):
         return answer
 
     async def _poll_state(self) -> None:
-        """Poll the state, and publish it."""
         self.flags, number = await ask_flags(self._ask_state)
         joints: tuple[float, ...] | None = None
         powered: bool | None = None

@@ -67,13 +67,13 @@ class PendingRequest:
     msg_type: int
     sequence: int | None
     sent: float
-    """Loop time, s."""
+    """Loop time of sending, s."""
     on_reply: Callable[[Packet, float], None]
     command: int | None = None
     """Command of a MOTION_CTRL, or None for other requests."""
 
     def may_be_answered_by(self, reply: Packet) -> bool:
-        """Return whether the types, and the command of a MOTION_REPLY, match."""
+        """Return whether the type of `reply`, and its command if it is a MOTION_REPLY, match."""
         if reply.msg_type not in ANSWERED_BY.get(self.msg_type, (self.msg_type,)):
             return False
         message = reply.message
@@ -111,7 +111,7 @@ class PendingReplies:
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> PendingRequest | None:
-        """Remove and return the request that matches a reply, or None if there is none."""
+        """Remove and return the request that matches a reply, or None if no request does."""
         result = self._find(reply)
         if result is not None:
             self._waiting.remove(result)

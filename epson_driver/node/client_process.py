@@ -49,9 +49,9 @@ Make = Callable[[Node], Client]
 def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_NAME) -> int:
     """Run a node per namespace until a signal or a failure, and return the exit code.
 
-    `make` creates the client of a node, `name` is the nodes' name. All arms are stopped and all
-    goals are ended before this returns. The exit code is 1 if a name or a parameter is invalid, or
-    if a thread, a task or a callback has failed, and otherwise 0.
+    `make` creates the client of a node. `name` is the name of every node. All arms are stopped and
+    all goals are ended before this returns. The exit code is 1 if a name or a parameter is
+    invalid, or if a thread, a task or a callback has failed, and otherwise 0.
     """
     nodes: list[Node] = []
     try:
@@ -83,7 +83,7 @@ class Failures:
         self.happened = asyncio.Event()
 
     def report(self, what: str, error: BaseException) -> None:
-        """Log a failure, if it is new, and end the process."""
+        """Log an exception, unless it was already reported, and make the process end."""
         self.happened.set()
         if not any(error is known for known in self._reported):
             self._reported.append(error)
@@ -105,7 +105,7 @@ class Failures:
             self.report(what, error)
 
     def on_thread_end(self, arguments: Any) -> None:
-        """Report the exception that ended a thread. This is the threading.excepthook."""
+        """Report the exception that ended a thread. It is set as `threading.excepthook`."""
         name = '' if arguments.thread is None else arguments.thread.name
         self.in_thread(f'the thread {name} ended', arguments.exc_value)
 
@@ -134,7 +134,7 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
 
 
 def _unused_files(words: Sequence[str], names: Sequence[str]) -> Iterator[str]:
-    """Yield a warning for each parameter file in a command line with nothing for these nodes."""
+    """Yield a warning for each `--params-file` in `words` with nothing for nodes in `names`."""
     for option, path in pairwise(words):
         if option != '--params-file':
             continue
@@ -224,7 +224,7 @@ async def _drive(
 
 
 def _report_ended(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
-    """Report each client that has ended although nothing has requested it."""
+    """Report each client whose task has ended by itself."""
     for task in running:
         if task.cancelled():
             failures.report('a driver was cancelled', asyncio.CancelledError())

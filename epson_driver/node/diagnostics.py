@@ -33,11 +33,11 @@ LEVELS = {
 
 PERIOD_S = 1.0
 CHECKS_PER_PERIOD = 10
-"""Number of checks per period for a changed cause that inhibits motion."""
+"""Number of checks per PERIOD_S of whether the cause that inhibits motion has changed."""
 
 
 class Diagnostics:
-    """Builds the diagnostic array. Its rates are averages since the previous one.
+    """Builds the `/diagnostics` message. Its rates are averages since the previous message.
 
     `publishers` returns the number of publishers of a topic.
     """
@@ -85,7 +85,7 @@ class Diagnostics:
         )
 
     def _io(self, now: float) -> Iterator[DiagnosticStatus]:
-        """Yield the status of the I/O if used. A failure is a warning: the arm can still move."""
+        """Yield the status of the I/O, if used. A failure is a WARN, as the arm can still move."""
         io = self._driver.io
         if not io.used:
             return

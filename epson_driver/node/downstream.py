@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 
 class Downstream:
-    """An action client, for use in an event loop. Must be created in that loop.
+    """Client of another driver's action. Must be created in the event loop.
 
     `action`: the name of the action, which may be relative.
     """
@@ -54,7 +54,7 @@ class Downstream:
 
     @property
     def keeps_stamps(self) -> bool:
-        """Whether the server is a joint_trajectory_controller, which respects header stamps."""
+        """Whether the server is a joint_trajectory_controller, which obeys `header.stamp`."""
         service = f'{self.name.rpartition("/")[0]}/{QUERY}'
         return service in dict(self._node.get_service_names_and_types())
 
@@ -64,10 +64,10 @@ class Downstream:
         on_feedback: Callable[[FollowJointTrajectory.Feedback], None],
         timeout: float,
     ) -> 'Sent':
-        """Send a goal and return it once accepted. `on_feedback` is called in the executor.
+        """Send a goal and return it once it is accepted.
 
-        Raises GoalRejectedError if it is rejected, or unanswered after `timeout` s. A goal
-        accepted after the timeout is canceled.
+        `on_feedback` is called in the executor's thread. Raises GoalRejectedError if the goal is
+        rejected, or not answered within `timeout` s. If it is accepted later, it is canceled.
         """
         if not self.available:
             raise GoalRejectedError(
@@ -159,7 +159,7 @@ class Sent:
 
 
 class ArmState:
-    """State of the joints from `controller_state`, or from `joint_states` if it has no publisher.
+    """Joint state from `controller_state`, or from `joint_states` if nobody publishes the former.
 
     `action`: the resolved name of the driver's action. `controller_state` has the same namespace.
     """
@@ -189,7 +189,7 @@ class ArmState:
     def of(self, limits: JointLimits, oldest: float) -> tuple[Array, Array]:
         """Return positions and velocities, shapes (n,), at most `oldest` s old.
 
-        Raises GoalRejectedError like `JointReader.of`.
+        Raises GoalRejectedError if `JointReader.of` does.
         """
         own = self._own or self._node.count_publishers(self._own.topic)
         reader = self._own if own else self._shared

@@ -78,7 +78,7 @@ class GoalRequests:
         )
 
     def _tolerances(self, messages: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
-        """Return the tolerances in a field. Defaults: parameters `constraints.<joint>.<kind>`."""
+        """Return tolerances of a goal. Their defaults: parameters `constraints.<joint>.<kind>`."""
         defaults = self._setup.tolerances(kind).position
         return tolerances_from_messages(messages, field, self._limits.names, defaults)
 
@@ -98,8 +98,8 @@ def start_time(
 ) -> float:
     """Return the start time of a trajectory on the loop's clock, s, or 0 to start immediately.
 
-    duration: of the trajectory, s. Raises GoalRejectedError if the stamp is too old or too far in
-    the future.
+    `duration`: duration of the trajectory, s. Raises GoalRejectedError if `stamp` is too old or
+    too far in the future.
     """
     if stamp == Time():
         return 0.0
@@ -142,9 +142,10 @@ class ActionType:
 
     * kind: the ROS type of the action.
     * name: for example `~/follow_joint_trajectory`.
-    * prepare: checks a request, and returns a function that creates the handle for the queue from
-      the callback for the outcome. It runs in the executor, and may raise GoalRejectedError.
-      Canceling the goal ends the planning scope, which interrupts the planning.
+    * prepare: checks a request and plans the goal. Its result is a function that takes the
+      callback for the outcome and returns the goal for the queue. It runs in the executor, and may
+      raise GoalRejectedError. Canceling the goal ends the PlanningScope, which interrupts the
+      planning.
     * result: converts an outcome to the action's result.
     * result_timeout: time for which a result is stored for late requests, s.
     """
@@ -158,7 +159,7 @@ class ActionType:
 
 @dataclass(eq=False)
 class _Request:
-    """A goal that has no result yet. handle: None until it is prepared."""
+    """A goal that has no result yet. `handle`: the goal for the queue, None before `prepare`."""
 
     plan: PlanningScope
     handle: Any = None

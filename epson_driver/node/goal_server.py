@@ -46,12 +46,12 @@ WARNING = (
 
 
 class PointStreams:
-    """Detects setpoint streams, of single points or windows, on a topic for goals.
+    """Detects a stream of setpoints (single points or windows) on a topic that is meant for goals.
 
-    Each message is executed as a goal, which replaces the running one after the arm has come to
-    rest. Therefore the arm moves in short jerks and falls behind a stream. The stream cannot be
-    followed here, because its first message looks like a goal and the arm already moves when the
-    next one arrives. Instead, the sender is warned once per stream. Times are monotonic, s.
+    Each message is executed as a goal, which replaces the running goal after the arm has come to
+    rest. Therefore the arm moves in short jerks and falls behind a stream. The node cannot follow
+    the stream here, because its first message looks like a goal and the arm already moves when the
+    next one arrives. Instead, the node warns once per stream. Times are monotonic, s.
     """
 
     def __init__(self) -> None:
@@ -78,9 +78,10 @@ class Throttle:
         self._next = 0.0
 
     def passes(self, time: float, rate: float) -> bool:
-        """Return whether to pass the sample at `time`, as the first one in a period of 1/`rate` s.
+        """Return whether to forward the sample at `time`: the first one per period of 1/`rate` s.
 
-        A period starts at the end of the last one, not at a sample, so the mean rate is correct.
+        Periods follow each other directly, except after a gap in the samples, so the mean rate is
+        correct.
         """
         if time < self._next:
             return False
@@ -90,8 +91,9 @@ class Throttle:
 
 
 IDLE_PERIOD_S, MAX_PERIOD_S = 0.04, 0.5
-"""Maximum period of ~/controller_state, s: without a goal, and during a goal if
-action_monitor_rate is lower. The panel and smooth_goals read the arm's joints from this topic."""
+"""Maximum periods of ~/controller_state, s: IDLE_PERIOD_S without a goal, MAX_PERIOD_S during a
+goal with a low action_monitor_rate. The panel and smooth_goals read the arm's joints from this
+topic."""
 
 RESULT_TIMEOUT_S = 60
 """Time for which a goal and its result are stored for late requests, s. rclpy's default of 15
@@ -189,7 +191,7 @@ class GoalServer:
             ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
 
     def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
-        """Publish `~/controller_state` if it is due by `action_monitor_rate`. Return its stamp."""
+        """Publish `~/controller_state` at `action_monitor_rate`. Return the stamp if published."""
         if not self._feedback_throttle.passes(sample.time, self._values['action_monitor_rate']):
             return None
         stamp = self._clock.now().to_msg()
@@ -198,7 +200,7 @@ class GoalServer:
         return stamp
 
     def on_joints(self, sample: JointSample, stamp: Time) -> None:
-        """Publish the measured joints on `~/controller_state`, unless a goal publishes it."""
+        """Publish the measured joints on `~/controller_state`, unless it has a recent message."""
         period = IDLE_PERIOD_S if self._queue.execution is None else MAX_PERIOD_S
         late = sample.time - self._published >= period
         if late and self._controller_state.get_subscription_count():

@@ -24,7 +24,7 @@ MAX_POSITION = 1e6
 
 
 class Joint(NamedTuple):
-    """State of a joint. received: time on the reader's clock, s. stamp: on the sender's, s."""
+    """State of a joint. `received`: monotonic time, s, of receipt. `stamp`: the message's, s."""
 
     received: float
     stamp: float
@@ -40,7 +40,8 @@ class JointReader:
         self._joints: dict[str, Joint] = {}
         self._fastest: dict[str, float] = {}
         self._fastest_before: dict[str, float] = {}
-        """Highest speeds in the period before `_since`, per s. `_fastest` has those after it."""
+        """Highest speed by joint, per s, before `_since`. `_fastest` has the highest speed after
+        it."""
         self._since = 0.0
 
     def __bool__(self) -> bool:
@@ -81,8 +82,8 @@ class JointReader:
     ) -> tuple[Array, Array]:
         """Return positions and velocities of joints, shapes (n,), at most `oldest` s old.
 
-        `limits`: maximum velocities, per s. Raises GoalRejectedError if a joint is missing, older,
-        or jumps.
+        `limits`: maximum velocities, per s. Raises GoalRejectedError if the state of a joint is
+        missing or older, or if its position jumps.
         """
         result = []
         for name, limit in zip(names, limits, strict=True):

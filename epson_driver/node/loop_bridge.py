@@ -39,7 +39,7 @@ REQUEST_QOS = QoSProfile(
 """QoS of services, including the services of an action. The depth limits the number of pending
 requests. With rclpy's default of 10, an eleventh request replaces the first, which is never
 answered. 1000 is the depth of rclpy's own parameter services. KEEP_ALL has no bound: a client that
-does not read its replies could block the thread that sends them, and ~/stop with it."""
+does not read its replies could block the thread that sends them and serves ~/stop."""
 
 TURNS = 4
 """Number of consecutive executor turns without a request after which `all_taken` returns."""
@@ -69,8 +69,9 @@ class DriverEndedError(RuntimeError):
 class LoopBridge:
     """Passes the requests of one node to the driver's event loop. Must be created in that loop.
 
-    `context`: contextvars that identify the node's logger. `fault` is called in the loop, with
-    the reason, when a request fails unexpectedly. `then` describes the effect of `fault`.
+    `context`: contextvars that identify the node's logger. `fault` is called in the loop, with the
+    reason, when a request fails unexpectedly. `then`: what `fault` does, for the reply and the
+    log.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class LoopBridge:
         )
 
     def failed(self, what: str, error: BaseException) -> str:
-        """Log an unexpected error, schedule `fault`, and return a text. Callable in any thread."""
+        """Log an unexpected error, schedule `fault`, return the reason. Callable in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
         self.node.get_logger().error(f'{why}, {self._then}\n{trace}')
@@ -170,7 +171,7 @@ class LoopBridge:
         return future
 
     def resolve(self, future: Future, value: object) -> None:
-        """Set the value of a future, or an exception that `wait_for` raises. Only once."""
+        """Set the value of a future, once, or an exception that `wait_for` raises."""
         with self._lock:
             if future not in self._futures:
                 return
@@ -186,10 +187,10 @@ class LoopBridge:
         return value
 
     async def all_taken(self) -> None:
-        """Wait, in the loop, until the executor has passed on all requests received before.
+        """Wait, in the loop, until the executor has passed on all requests that it had received.
 
-        This takes several turns of the executor. It accepts one request of each action per turn,
-        reads it in the next turn, and runs newer tasks before older ones.
+        This takes several turns of the executor, which accepts one request of each action per
+        turn, reads it in the next turn, and runs newer tasks before older ones.
         """
         executor, turns = self.node.executor, 0
         with contextlib.suppress(TimeoutError):

@@ -54,8 +54,8 @@ ARGUMENTS: dict[str, Rule] = {
     'acceleration': number(1e-4, 100_000.0, 'rad/s² or m/s²'),
     'move_time': number(0.0, 3600.0, 's'),
 }
-"""Additional arguments of a motion. Units: rad or m for joints, m for the tool. A nonzero
-move_time replaces the other arguments."""
+"""Allowed additional arguments of a motion. The velocity and acceleration of a joint move are in
+rad or m, those of the tool in m. A nonzero move_time replaces both."""
 
 _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIMESTAMP)
 
@@ -63,9 +63,9 @@ _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIM
 def primitives_from_message(
     message: MotionPrimitiveSequence, limits: JointLimits, frame: str
 ) -> list[Primitive]:
-    """Return the motions of a message, whose joints are in the order of `limits`.
+    """Return the motions of a message. Its joint positions are in the order of `limits`.
 
-    frame: the frame that poses must have. Raises GoalRejectedError if a motion is invalid.
+    `frame`: the frame that poses must have. Raises GoalRejectedError if a motion is invalid.
     """
     count = len(message.motions)
     if not 0 < count <= MAX_PRIMITIVES:
@@ -151,7 +151,6 @@ def _joints(values: Sequence[float], limits: JointLimits) -> Array:
 
 
 def _pose(field: str, message: PoseStamped, frame: str) -> Array:
-    """Return a pose as a homogeneous matrix."""
     place = _place(field, message, frame)
     orientation = message.pose.orientation
     x, y, z, w = quaternion = np.array([getattr(orientation, name) for name in 'xyzw'])
@@ -214,7 +213,7 @@ class MotionPrimitives:
         self._goals = goals
         self._bridge = context.bridge
         self.kinematics = Kinematics(self._setup.model)
-        """Kinematics of the arm with the current tool, to which poses refer."""
+        """Kinematics of the arm with the current tool. Poses in goals are poses of this tool."""
         self._tool = np.eye(4)
         action = ActionType(
             ExecuteMotionPrimitiveSequence,
@@ -242,7 +241,7 @@ class MotionPrimitives:
         self.kinematics, self._tool = Kinematics(self._setup.model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
-        """Set the payload, kg, that is sent with each motion. Return whether this is supported."""
+        """Set the payload, kg, to send with each motion. Return whether this is supported."""
         if self._driver.statements is None:
             return False
         self._driver.statements.load = Load(mass) if mass else None

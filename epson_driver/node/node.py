@@ -90,13 +90,13 @@ class SpeedScalingInterface:
 
 
 LOOK_PERIOD_S = 0.25
-"""Polling period of the search for namesakes, s. rclpy has no events for graph changes."""
+"""Period of the search for nodes with the same name, s. rclpy has no events for graph changes."""
 
 DISCOVERY_S = 2.0
 """Time within which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
 
 FAST_DDS = bytes((1, 15))
-"""First bytes of a Fast DDS GUID. The next ones are host and process, 16 bits each."""
+"""First bytes of a GUID of Fast DDS. Two bytes for the host and two for the process follow."""
 
 
 class Namesakes:
@@ -113,7 +113,7 @@ class Namesakes:
         ]
 
     def __call__(self) -> str:
-        """Return the shared name and the other processes as a clause, or '' if there are none."""
+        """Return the shared name and the other processes as a clause, or '' if it is unique."""
         node = self._node
         name = next((item for item in self._names if node.handle.get_count_services(item) > 1), '')
         own = (node.get_name(), node.get_namespace())
@@ -122,7 +122,7 @@ class Namesakes:
         return (name or node.get_fully_qualified_name()) + self._processes(name)
 
     def _processes(self, service: str) -> str:
-        """Return the processes of other nodes with this service, if their DDS is Fast DDS."""
+        """Return the process ids of other nodes with `service`, as text, if they use Fast DDS."""
         result: list[Any] = self._node.get_subscriptions_info_by_topic(
             f'rq{service}Request', no_mangle=True
         )
@@ -266,7 +266,7 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply changes, and return '', or return why they are invalid.
+        """Apply changes and return ''. If one is invalid, apply none and return the reason.
 
         rclpy has already checked ranges and read-only flags from the descriptors. Raises
         TraceError if a trace file cannot be created, DriverEndedError if the driver has ended.

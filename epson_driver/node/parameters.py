@@ -70,10 +70,10 @@ def declare(node: Node) -> dict[str, Any]:
 def undeclared(node: Node) -> Iterator[str]:
     """Yield a warning for each given parameter that the node does not have.
 
-    rclpy has no public list of the given parameters.
-    automatically_declare_parameters_from_overrides would create one, but it fails for an empty
-    array before `declare` can report the error, and its own error does not name the parameter. If
-    rclpy's private list is missing, this is reported.
+    The given parameters are only in a private attribute of rclpy. If it is missing, the only
+    warning says so. automatically_declare_parameters_from_overrides would create a public list,
+    but it fails for an empty array before `declare` can report the error, and its own error does
+    not name the parameter.
     """
     overrides = getattr(node, '_parameter_overrides', None)
     if overrides is None:

@@ -110,7 +110,7 @@ def take(subscription: Any) -> Any:
 
 
 def take_all(subscription: Any, maximum: int) -> list[Any]:
-    """Return pending messages of a polled subscription, at most `maximum`. Others stay pending."""
+    """Return at most `maximum` pending messages of a polled subscription. Keep the others."""
     messages: list[Any] = []
     while len(messages) < maximum and (message := take(subscription)) is not None:
         messages.append(message)
@@ -118,7 +118,7 @@ def take_all(subscription: Any, maximum: int) -> list[Any]:
 
 
 def level(line: Log) -> int:
-    """Return the level of a line of `/rosout`, which is bytes in some distributions."""
+    """Return the level of a `/rosout` message as an int. Some distributions send it as bytes."""
     return line.level if isinstance(line.level, int) else int.from_bytes(line.level, 'little')
 
 
@@ -130,7 +130,7 @@ MAX_READING_NS = 100_000
 """Maximum time for reading both clocks, ns. A longer reading was interrupted."""
 
 MIN_JUMP_NS = 1_000_000
-"""Minimum change of the clocks' difference that is a jump of ROS time and not drift, ns."""
+"""Minimum change, ns, of the difference between both clocks that is a jump and not drift."""
 
 DRIFT_FILTER_DIVISOR = 256
 """Divisor of the drift correction per reading, because each reading of the two clocks is noisy."""
@@ -141,7 +141,8 @@ MIN_SPACING_NS = 1_000
 NS_PER_S = 1_000_000_000
 
 MIN_STEP_BACK_NS = 100_000_000
-"""Minimum backward jump of ROS time that stamps follow, ns."""
+"""Minimum backward jump of ROS time, ns, after which stamps also jump back. After a smaller jump
+they advance by MIN_SPACING_NS until ROS time has caught up."""
 
 
 class RosTimeStamps:
@@ -158,7 +159,7 @@ class RosTimeStamps:
         self._message = TimeMessage()
 
     def stamp(self, time: float) -> TimeMessage:
-        """Return a monotonic time, s, as builtin_interfaces/Time, valid until the next call."""
+        """Convert a monotonic time, s, to a builtin_interfaces/Time, valid until the next call."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
         after = self._monotonic()
@@ -184,8 +185,8 @@ PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _RANGES = ('', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF')
-"""Values for which Fast DDS obeys TRANSPORTS. rcl treats any other value as LOCALHOST, for which
-rmw_fastrtps adds shared memory to every profile."""
+"""Values of RANGE with which Fast DDS obeys TRANSPORTS. rcl treats any other value as LOCALHOST,
+for which rmw_fastrtps adds shared memory to every profile."""
 
 _LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
 <transport_descriptors><transport_descriptor><transport_id>udp</transport_id><type>UDPv4</type>
@@ -250,7 +251,7 @@ _LOGGER: ContextVar[RcutilsLogger] = ContextVar('ros_logger')
 
 
 def context_of(logger: RcutilsLogger) -> contextvars.Context:
-    """Return a context in which records are sent to this rclpy logger."""
+    """Return a context in which log records are sent to the rclpy logger `logger`."""
     context = copy_context()
     context.run(_LOGGER.set, logger)
     return context
@@ -277,7 +278,7 @@ class RosLogHandler(logging.Handler):
 
     @staticmethod
     def _write(logger: RcutilsLogger, text: str, record: logging.LogRecord) -> None:
-        """Write a record. Each severity needs a separate call, because rclpy requires that."""
+        """Write a record. Each severity has its own call, because rclpy allows one per call."""
         if record.levelno >= logging.ERROR:
             logger.error(text)
         elif record.levelno >= logging.WARNING:

@@ -98,7 +98,7 @@ def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
 
 
 def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
-    """Return the last point before now and all later ones, or None if there are fewer than two.
+    """Return the window from the last point before now, or None if it has fewer than two points.
 
     `first`: the start of the trajectory, s from now. Velocities are ignored unless all points have
     them.
@@ -138,7 +138,7 @@ def _setpoint(
 def _values(
     field: str, values: Sequence[float], joint_names: Sequence[str], names: Sequence[str]
 ) -> Array | None:
-    """Return the values for `joint_names` in the order of `names`, or None if there are none."""
+    """Return `values` of `joint_names` in the order of `names`, or None if `values` is empty."""
     _check_names(joint_names, names, complete=True)
     if not len(values):
         return None

@@ -170,8 +170,9 @@ FEEDBACK_TIMEOUT_S = 0.25
 """Time for which a stop waits for FEEDBACKS messages, s. They arrive 20 times a second."""
 
 OFF_S, OFF = 1e-3, 1e-4
-"""Maximum deviations of feedback from the sent motion. OFF_S: of the start time, s. OFF: of the
-commanded position, rad or m, in addition to the distance at full speed in OFF_S."""
+"""OFF_S: maximum deviation of the start time in feedback from the sent motion, s. OFF: maximum
+deviation of the commanded position, rad or m, plus the distance of the joint in OFF_S at full
+speed."""
 
 SHUT_DOWN_TIMEOUT_S = 6.0
 
@@ -205,9 +206,9 @@ class ForwardedGoal:
 class SentMotion:
     """The motion that was sent for a goal, and its progress according to feedback.
 
-    start: of the motion, ns on the downstream driver's clock. stamp: time of the last
-    feedback, ns on the same clock. arrival: its arrival, s on the loop's clock.
-    follows: whether the commanded position in the last feedback matches the motion.
+    `start`: start of the motion, ns on the downstream driver's clock. `stamp`: time of the last
+    feedback, ns on the same clock. `arrival`: arrival of that feedback, s on the loop's clock.
+    `follows`: whether the commanded position in that feedback matches the motion.
     """
 
     goal: ForwardedGoal
@@ -270,7 +271,7 @@ class SmoothGoals:
             self._logger.warning(sentence)
         self._described: Rows = {}
         self._contradicted: dict[str, str] = {}
-        """Reason why limits are unknown, by joint name: two robot descriptions differ."""
+        """Why the limits of a joint are unknown, by joint name: two robot descriptions differ."""
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
         self._goals: list[ForwardedGoal] = []
@@ -450,9 +451,9 @@ class SmoothGoals:
     def _planned(
         self, goal: ForwardedGoal, start: Array, checkpoint: Callable[[], None]
     ) -> tuple[StoppableMotion, Trajectory]:
-        """Return the smooth motion from a position at rest, shape (n,), and its points.
+        """Return the smooth motion from rest at `start`, shape (n,), and its points.
 
-        It may run in any thread. checkpoint: raises if the motion is no longer needed.
+        It may run in any thread. `checkpoint` raises if the motion is no longer needed.
         """
         planned = goal.trajectory
         times, positions = planned.times, planned.positions.copy()
@@ -497,7 +498,7 @@ class SmoothGoals:
                 task.cancel()
 
     async def _lost(self, sent_motion: SentMotion, goal_time: float) -> str:
-        """Wait until the downstream driver fails to respond, and return how."""
+        """Wait until the downstream driver no longer responds. Return the reason as a clause."""
         values = self._parameters
         timeout = sent_motion.points.duration + goal_time + values['reply_timeout']
         latest = self._loop.time() + timeout
@@ -567,7 +568,7 @@ class SmoothGoals:
         return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
 
     async def _wait_for_rest(self, goal: ForwardedGoal) -> str | None:
-        """Wait until the arm is at rest and return None. Return why it is not after a timeout."""
+        """Wait until the arm is at rest. Return None, or after REST_TIMEOUT_S why it is not."""
         values, latest = self._parameters, self._loop.time() + REST_TIMEOUT_S
         names = goal.limits.names
         while True:
@@ -600,7 +601,7 @@ def _rejected(text: str) -> GoalRejectedError:
 
 
 def _goal_time(goal: ForwardedGoal, duration: float) -> float:
-    """Return goal_time_tolerance minus the additional time of a motion of `duration` s."""
+    """Return goal_time_tolerance minus the time by which `duration` exceeds the planned one, s."""
     tolerance = duration_in_s(goal.request.goal_time_tolerance)
     late = max(duration - goal.trajectory.duration, 0.0)
     if 0.0 < tolerance <= late:
@@ -613,7 +614,7 @@ def _goal_time(goal: ForwardedGoal, duration: float) -> float:
 
 
 def _request(goal: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
-    """Return a goal with the tolerances of another one, and an empty trajectory."""
+    """Return a goal with the tolerances of `goal` except `goal_time`, s, without a trajectory."""
     copied = {
         name: getattr(goal, name)
         for name in goal.get_fields_and_field_types()

@@ -37,7 +37,7 @@ class Executed:
         self._rests = [position]
 
     def __call__(self, now: float, executed: ActivePlan | JointMotion | None) -> None:
-        """Record the motion that is executed from `now`, s. None is rest."""
+        """Record that `executed` is the motion from `now`, s, on. None: the arm rests."""
         before, rest = self._pieces[-1], self._rests[-1]
         if executed is None and before is not None:
             rest = _rest_after(before)
@@ -53,10 +53,10 @@ class Executed:
         start: float = 0.0,
         checkpoint: Callable[[float], None] = lambda _: None,
     ) -> Trajectory:
-        """Return the motion from `start` until it is at rest, at `end`, s.
+        """Return the points of the motion from `start` to `end`, s, at which it is at rest.
 
-        longest: maximum time between two points, s. checkpoint: called with each point's time, s.
-        It may raise to cancel. Raises ValueError if there would be more than MAX_POINTS.
+        `longest`: maximum time between two points, s. `checkpoint` is called with each point's
+        time, s, and may raise to cancel. Raises ValueError if there would be more than MAX_POINTS.
         """
         sample_times(end - start, longest)  # raises
         ends = [*self._starts[1:], end]
@@ -118,19 +118,19 @@ def _breakpoints(executed: ActivePlan | JointMotion | None, start: float) -> Arr
 
 
 TOLERANCE = 1e-9
-"""Maximum difference between the two runs of the smoother, rad or m, or periods."""
+"""Tolerance for rounding errors: of positions, rad or m, of times, s, and of times in periods."""
 
 
 MAX_DURATION_S = 600.0
-"""Maximum duration of a smooth motion, s, which has 150,000 samples."""
+"""Maximum duration of a smooth motion, s. It has 150,000 samples."""
 
 
 class StoppableMotion:
     """The smooth motion through a trajectory, and its stop.
 
     The attribute `motion` has a point every MAX_STEP_S. The path is the smoother's spline. The
-    stop is on the path if that is possible within the limits. To prepare for it, a second smoother
-    executes the plans of the first one up to the time passed to `follow`.
+    stop is on the path if that is possible within the limits. To prepare for the stop, a second
+    smoother repeats the plans of the first one up to the time passed to `follow`.
 
     `checkpoint` is called at each sample, and may raise to cancel. Raises ValueError if the motion
     takes longer than MAX_DURATION_S, or the exceptions of `smoothed`.

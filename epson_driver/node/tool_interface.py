@@ -28,7 +28,7 @@ from epson_driver.tool_motion.tool_pose import (
 )
 
 BASE, FLANGE = 'base_link', 'tool0'
-"""Links of every model: the base, with which `frame_id` ends, and the parent of the tool."""
+"""Links that every model has: the base of the arm, and the parent of the tool."""
 
 STATIC_QOS = QoSProfile(
     depth=1,
@@ -42,8 +42,8 @@ class StaticFrames:
     """Publishes the frames of the tool and of taught points on `/tf_static`.
 
     All frames are in one message, because a late subscriber only receives the last one. Each frame
-    has an owner, 'tool' or 'points'. prefix: of all link and frame names. The methods take names
-    without it.
+    has an owner, 'tool' or 'points'. `prefix`: prefix of all link and frame names. The methods
+    take names without the prefix.
     """
 
     def __init__(self, context: NodeContext) -> None:
@@ -78,7 +78,7 @@ def links(model: RobotModel) -> set[str]:
 
 
 def link_prefix(frame_id: str) -> str:
-    """Return the prefix of the links' names, from the frame of the joint states."""
+    """Return the prefix of the links' names: the part of `frame_id` before base_link, if any."""
     return frame_id.removesuffix(BASE) if frame_id.endswith(BASE) else ''
 
 
@@ -92,9 +92,9 @@ def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class NamedTool:
-    """A tool. name: without the links' prefix. values: x y z, m, and a unit quaternion x y z w.
+    """A tool. `values`: x y z, m, and a unit quaternion x y z w in tool0.
 
-    pose: the same as a homogeneous matrix, shape (4, 4), in tool0.
+    `name`: without the links' prefix. `pose`: `values` as a homogeneous matrix, shape (4, 4).
     """
 
     name: str
@@ -108,9 +108,9 @@ def named_tool(
     name: str,
     fields: tuple[str, str] = ('pose', 'name'),
 ) -> NamedTool:
-    """Return a checked tool. values: as in NamedTool. fields: names of pose and name in errors.
+    """Return a checked tool. `values`: as in NamedTool.
 
-    Raises ValueError if the pose or the name is invalid.
+    `fields`: what error texts call the pose and the name. Raises ValueError if either is invalid.
     """
     pose_field, name_field = fields
     FRAME_NAME.checked(name, name_field)

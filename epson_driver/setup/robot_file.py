@@ -16,13 +16,13 @@ KEYS = (
     *('robot_ip', 'controller', 'robot_model'),
     *('motion_port', 'state_port', 'io_port', 'remote_port'),
 )
-"""Settings in the file."""
+"""Names of the settings that a robot's file may have."""
 
 NODES, PARAMETERS = '/**', 'ros__parameters'
 
 
 def is_robot_file(name: str) -> bool:
-    """Return whether a name is the path of a robot's file, by its first key."""
+    """Return whether `name` is the path of a robot's file: a .yaml file with the key `/**`."""
     try:
         return name.endswith('.yaml') and b'\n/**:' in b'\n' + read_file(Path(name), MEGABYTE)
     except InputError:
@@ -30,7 +30,7 @@ def is_robot_file(name: str) -> bool:
 
 
 def robot_settings(name: str) -> dict[str, Any]:
-    """Return the settings in a robot's file by name. Raises InputError if it is none."""
+    """Return the settings in a robot's file, by name. Raises InputError if the file is invalid."""
     from epson_driver.setup.table import ROWS  # imported with the first file, to start fast
 
     path = Path(name)
@@ -47,7 +47,7 @@ def robot_settings(name: str) -> dict[str, Any]:
 
 
 def robot_text(settings: Mapping[str, Any], about: str) -> str:
-    """Return the text of a robot's file. about: a line about its origin."""
+    """Return the text of a robot's file. `about`: the comment in its first line."""
     import yaml
 
     content = {NODES: {PARAMETERS: dict(settings)}}

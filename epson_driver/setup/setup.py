@@ -35,8 +35,8 @@ NOT_WIRED = [-1, -1]
 class Setup:
     """The settings of a driver, and the objects created from them.
 
-    values: all settings by name. Call `apply` after changing settings that may change at any time.
-    model: with the requested joint names. gripper: None without one.
+    `values`: all settings by name. Call `apply` after changing settings that may change at any
+    time. `model`: has the joint names of the settings. `gripper`: None if none is configured.
     """
 
     values: dict[str, Any]
@@ -60,7 +60,7 @@ class Setup:
 
     @property
     def interpolates(self) -> bool:
-        """Whether the controller interpolates between positions and velocities at given times."""
+        """Whether the controller interpolates between given positions, velocities and times."""
         return self.configuration.delivery.point_message == 'joint_traj_pt_full'
 
     @property
@@ -86,7 +86,7 @@ class Setup:
         )
 
     def tolerances(self, kind: str) -> Tolerances:
-        """Return the tolerances constraints.<joint>.`kind`, goal or trajectory. 0 is no limit."""
+        """Return all joints' tolerances. `kind`: goal or trajectory. A setting of 0: no limit."""
         names = self.model.joint_names
         values = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
         return Tolerances(np.where(values > 0.0, values, np.inf), np.full(len(names), np.inf))
@@ -94,9 +94,10 @@ class Setup:
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
     ) -> tuple[Trajectory, Callable[[StatementDelivery], str]]:
-        """Return the straight trajectory in joint space, and a function for its SPEL+ statement.
+        """Return a straight trajectory in joint space, and a function that returns its SPEL+ text.
 
-        start, target: shape (n,), rad (m). speed, acceleration: fractions of the limits, (0, 1].
+        `start`, `target`: shape (n,), rad (m). `speed`, `acceleration`: fractions of the limits,
+        (0, 1].
         """
         limits = self.model.limits
         path = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
@@ -105,7 +106,7 @@ class Setup:
     def goal(self, trajectory: Trajectory, statement: str | None = None) -> Goal:
         """Return the goal of a trajectory, with the tolerances of the settings.
 
-        statement: performs the whole motion on a controller without a point interface.
+        `statement`: SPEL+ text of the whole motion, for a controller that accepts no points.
         """
         path = self.tolerances('trajectory')
         return Goal(
@@ -140,10 +141,10 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
 
 
 def make_setup(settings: Mapping[str, Any]) -> Setup:
-    """Return the setup for values of the settings by name, each already checked.
+    """Return the setup for settings, given by name and already checked one by one.
 
     The controller's profile, the robot model and the table provide the defaults. Raises ValueError
-    if values are incompatible, InputError if there is no such profile or model.
+    if values are incompatible, InputError if the profile or the model does not exist.
     """
     values = {row.name: row.default for row in TABLE} | {**settings}
     profile = load_controller_profile(values['controller'])
@@ -211,7 +212,7 @@ def _configuration(
 
 
 def _gripper_wiring(values: Mapping[str, Any]) -> GripperWiring | None:
-    """Return the wiring of the gripper, or None without one. Raises InputError."""
+    """Return the wiring of the gripper, or None. Raises InputError if a setting is invalid."""
     outputs, inputs = values['gripper.outputs'], values['gripper.inputs']
     if outputs == inputs == NOT_WIRED:
         return None

@@ -31,7 +31,7 @@ POINT_PAIR = Rule(_pair, 'must be two whole numbers ≥ -1')
 
 
 def is_a(kind: type, text: str) -> Rule:
-    """Return the rule for an instance of a class."""
+    """Return a rule that accepts instances of `kind`. `text`: the rule in words."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, kind):
@@ -48,9 +48,9 @@ NAME_OR_FILE = is_a(str, 'must be a name or a path')
 
 @dataclass(frozen=True)
 class Row:
-    """One setting. Its values are `choices`, or from `low` to `high`, or those of `rule`.
+    """One setting. Its value is one of `choices`, from `low` to `high`, or accepted by `rule`.
 
-    now: it may change while the driver runs.
+    `now`: whether it may change while the driver runs.
     """
 
     name: str
@@ -61,9 +61,8 @@ class Row:
     choices: tuple[str, ...] = ()
     now: bool = False
     rule: Rule | None = None
-    """Rule for the value, instead of `choices` or a range."""
     unit: str = ''
-    """Appended to the description. 1 marks a ratio."""
+    """Unit, which is appended to the description. 1 stands for a ratio."""
 
     @property
     def description(self) -> str:

@@ -75,7 +75,7 @@ class TriState(IntEnum):
 
 
 class Mode(IntEnum):
-    """Values of `Status.mode`. There is no 0."""
+    """Values of `Status.mode`. The value 0 is not defined."""
 
     UNKNOWN = -1
     MANUAL = 1

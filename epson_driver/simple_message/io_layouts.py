@@ -78,7 +78,7 @@ class ItemsLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 because it has no reals.
+        """Return the message, and FLOAT32 as the width of reals, because it has none.
 
         Raises BodyError if the length does not match the number of items.
         """
@@ -121,7 +121,7 @@ class PublishLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 because it has no reals.
+        """Return the message, and FLOAT32 as the width of reals, because it has none.
 
         Raises BodyError if the length does not match the numbers of items and values.
         """
@@ -160,7 +160,7 @@ def _check_number(count: int) -> None:
 
 
 def _pack(named: Sequence[tuple[str, int]], order: ByteOrder) -> bytes:
-    """Pack values as int32. Raises FieldError with the name of an invalid one."""
+    """Pack values, given with their names, as int32. Raises FieldError if one is no int32."""
     try:
         return struct.pack(f'{order.value}{len(named)}i', *(value for _, value in named))
     except struct.error as cause:

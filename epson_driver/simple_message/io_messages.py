@@ -52,7 +52,8 @@ class IoFeature(IntFlag):
 
 
 ALL = -1
-"""Index of all points of a type in an `IoReset` item. As type and index: all outputs and flags."""
+"""Index that selects all points of the type in an `IoReset` item. An item with this value as type
+and index selects all outputs and flags."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +204,10 @@ class IoSubscribeReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoUnsubscribe(Message):
-    """IO_STREAM_UNSUB (65205), the request to stop publishing ranges, by their first points."""
+    """IO_STREAM_UNSUB (65205), the request to stop publishing ranges of points.
+
+    `items` are the first points of these ranges.
+    """
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()

@@ -121,7 +121,7 @@ def _writable(message_class: type[Message]) -> Callable[..., Message]:
 def _fields_of(
     places: tuple[int | slice, ...],
 ) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that groups a body's values into fields, or None if each is one value."""
+    """Return a function that groups a body's values into fields, or None if each field is one."""
     if all(isinstance(place, int) for place in places):
         return None
     if len(places) == 1:
@@ -140,7 +140,6 @@ class _Form:
         self, counts: tuple[int, ...], codes: tuple[str, ...], scalar: tuple[bool, ...]
     ) -> None:
         self.counts = counts
-        """Number of values of each field."""
         self.bodies = [
             struct.Struct(
                 dialect.byte_order.value
@@ -163,7 +162,7 @@ class _Form:
 
 
 class FixedLayout:
-    """Layout of a body without lists of items. `spec`: its row, as described above."""
+    """Layout of a body without lists of items. `spec`: a row as in the module's docstring."""
 
     def __init__(self, msg_type: int, message_class: type[Message], spec: str) -> None:
         self.msg_type = msg_type
@@ -185,7 +184,7 @@ class FixedLayout:
         }
         only = len(self._forms) == 1 and len(self._several) <= 1
         self._only_form = self._forms[0] if only else None
-        """The form, if the total number of values determines whether a message fits it."""
+        """The form, if there is only one and it has at most one field with several values."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):
@@ -236,7 +235,6 @@ class FixedLayout:
         return reader.read(body), reader.dialect.real
 
     def _counts(self, message: Message) -> tuple[int, ...]:
-        """Return the number of values of each field with several values."""
         return tuple([len(getattr(message, self._names[index])) for index in self._several])
 
     def _error(self, message: Message, dialect: Dialect) -> FieldError:

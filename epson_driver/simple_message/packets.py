@@ -158,7 +158,7 @@ class PacketFramer(Framer):
         """Return the packet of the next frame, or None if the frame is incomplete.
 
         Raises FrameError like `next_frame`, or the errors of `decode` if the packet is invalid.
-        After the latter, the next call continues with the following frame.
+        After an invalid packet, the next call continues with the following frame.
         """
         buffer, start = self._buffer, self._start
         received = len(buffer) - start
