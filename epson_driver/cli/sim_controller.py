@@ -52,6 +52,7 @@ from epson_driver.sim_controller.assembly import (
     new_controller,
     profile_project,
     program_network,
+    with_all_boards,
 )
 from epson_driver.sim_controller.condition.errors import angles_rejection, clipped
 from epson_driver.sim_controller.faults.fault_kinds import Fault, parse
@@ -84,6 +85,8 @@ def main() -> int:
             profile = first_run.profile
         else:
             profile = load_controller_profile(settings.controller or DEFAULT_CONTROLLER)
+        if args.program is not None:
+            profile = with_all_boards(profile)
         model = load_robot_model(args.robot or settings.robot or DEFAULT_MODEL)
         start = None if args.start is None else _start(args.start, model.limits)
         program = _program(args, profile, model, settings, folder)

@@ -29,6 +29,7 @@ from epson_driver.spel import Settings, read_project, with_defines
 from epson_driver.spel.commands import CONTROLLERS
 from epson_driver.spel.export import exported
 from epson_driver.spel.lint import check
+from epson_driver.spel.project import TESTS
 
 FIRST_OUTPUT_BYTE_6 = '0'
 """IO_FIRST_OUTPUT_BYTE for RC+ 6, which assigns no outputs to remote control (manual, p953)."""
@@ -72,7 +73,7 @@ def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
     results: list[TestResult] = []
     for folder, files in projects:
         settings = settings_of(arguments, folder)
-        program = program_of(arguments, files, settings, folder)
+        program = program_of(arguments, files, settings, folder, TESTS)
         around, bench = environment_of(settings, folder), _bench(settings)
         for result in run_tests(program, bench, lambda name: pattern in name.lower(), around):
             results.append(_from_here(result, folder))

@@ -77,12 +77,16 @@ def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
 
 
 def program_of(
-    arguments: argparse.Namespace, files: Mapping[str, str], settings: Settings, folder: Path
+    arguments: argparse.Namespace,
+    files: Mapping[str, str],
+    settings: Settings,
+    folder: Path,
+    starts: str = 'main',
 ) -> Program:
     """Return the program in `files` with new values of #define lines, and with its settings.
 
-    Raises ProgramError if it has errors, with the paths of its files from the current folder, and
-    InputError for invalid values.
+    `starts`: pattern of the functions that make the settings first. Raises ProgramError if it has
+    errors, with the paths of its files from the current folder, and InputError for invalid values.
     """
     files = with_defines(files, dict(arguments.define))
     try:
@@ -92,7 +96,7 @@ def program_of(
     except ProgramError as error:
         raise ProgramError(placed(error.problems, folder)) from error
     try:
-        return build(with_setup(files, settings.statements))
+        return build(with_setup(files, settings.statements, starts))
     except ProgramError as error:
         problem = error.problems[0].text
         raise InputError(f'{settings.source}: {settings.statements}: {problem}') from error

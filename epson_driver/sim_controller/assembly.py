@@ -4,6 +4,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,13 @@ from epson_driver.spel import Program as CompiledProgram
 
 DEFAULT_SPEED = 0.05
 """Initial Speed and Accel of a SPEL+ program, a fraction of the limits."""
+
+
+ALL_BITS, ALL_FLAGS = 4096, 1024
+"""Number of inputs and of outputs, and number of memory bits.
+
+These are the maximum, because project files do not specify the I/O boards.
+"""
 
 
 class SpelSource(NamedTuple):
@@ -107,6 +115,14 @@ def new_controller(
         controller.new_command_window = lambda: _command_window(controller)
     controller.apply_power()
     return controller
+
+
+def with_all_boards(profile: ControllerProfile) -> ControllerProfile:
+    """Return a profile with all I/O boards, for the programs of users."""
+    boards = replace(
+        profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS, flags=ALL_FLAGS
+    )
+    return replace(profile, io=boards)
 
 
 def program_network(profile: ControllerProfile) -> ProgramNetwork:

@@ -16,11 +16,16 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.assembly import (
+    SpelSource,
+    new_controller,
+    program_network,
+    with_all_boards,
+)
 from epson_driver.sim_controller.condition.states import Fault, Tasks
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
@@ -38,12 +43,6 @@ from epson_driver.spel.code import FunctionCode
 
 POLL_PERIOD_S = 0.02
 """Polling period for the end of the program, s of the controller's time."""
-
-ALL_BITS, ALL_FLAGS = 4096, 1024
-"""Number of inputs and of outputs, and number of memory bits.
-
-These are the maximum, because project files do not specify the I/O boards.
-"""
 
 LONGEST_S = 600.0
 """Time limit of a fast run and of a test, s of the controller's time."""
@@ -86,10 +85,7 @@ class Bench:
     def __init__(self, robot: str, controller_profile: str) -> None:
         self._model = load_robot_model(robot)
         profile = load_controller_profile(controller_profile)
-        boards = replace(
-            profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS, flags=ALL_FLAGS
-        )
-        self._profile = replace(profile, io=boards)
+        self._profile = with_all_boards(profile)
 
     def controller(
         self,

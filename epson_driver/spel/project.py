@@ -162,10 +162,6 @@ _EVALUATED = (
 )
 """Text before and after the statements of `$Execute`, and of `Eval`."""
 
-_STARTED = re.compile(
-    r'(?im)^[ \t]*function[ \t]+(?:main|test\w*)\b(?:[ \t]*\([ \t]*\)|(?![ \t]*\())'
-)
-"""Start of main, and of each test."""
 _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 
 
@@ -195,10 +191,18 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
     return changed
 
 
-def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
-    """Return the files with statements added in the lines of Function main and of each test."""
+TESTS = r'test\w*'
+"""Pattern of the names of tests."""
+
+
+def with_setup(files: Mapping[str, str], statements: str, functions: str) -> dict[str, str]:
+    """Return the files with statements added at the start of functions without parameters.
+
+    `functions`: the pattern of their names, such as main, or `TESTS`.
+    """
+    start = rf'(?im)^[ \t]*function[ \t]+(?:{functions})\b(?:[ \t]*\([ \t]*\)|(?![ \t]*\())'
     return {
-        name: _STARTED.sub(lambda found: f'{found[0]}; {statements}', text)
+        name: re.sub(start, lambda found: f'{found[0]}; {statements}', text)
         if name.lower().endswith('.prg')
         else text
         for name, text in files.items()

@@ -317,7 +317,12 @@ HOMES = """Function main
   On 40
   Tool 1
   Home
+  TesterStarts
   Print Oport(40), CZ(Here)
+Fend
+Function TesterStarts  ' is no test here, so it makes no settings
+  If CZ(TLSet(1)) <> 50 Then Error 8001
+  TLSet 1, XY(0, 0, 50, 0)
 Fend
 """
 
