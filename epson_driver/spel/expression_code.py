@@ -563,11 +563,6 @@ class Expressions:
             elif parameter.by_reference and argument.by_reference:
                 if not isinstance(argument.value, Name | Apply):
                     raise SyntaxProblem(argument.value.at, 'ByRef needs a variable', 'type')
-                if isinstance(argument.value, Apply):
-                    name_of = argument.value.name
-                    text = f'ByRef {name_of}(…): the manual has variables and whole arrays only '
-                    text += f'(p184): pass {name_of}() and the index'
-                    self.notes.append(Problem(argument.value.at, 'portable', text, warning=True))
                 code, kind = self.reference(argument.value)
             elif parameter.by_reference:
                 kind = parameter.type

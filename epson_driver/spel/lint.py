@@ -27,6 +27,7 @@ from epson_driver.spel.commands import (
 from epson_driver.spel.errors import Position, Problem, to_add
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint_rules import (
+    UNPROVEN,
     leaves,
     literals,
     shared,
@@ -120,7 +121,8 @@ RULES = {
     'unused': 'an unused function or variable',
     'two-owners': 'two tasks that move the robot, set a timer, or switch an output',
     'hex': 'a number above &H7FFFFFFF, whose sign is not documented',
-    'portable': 'a form that is neither in the manual nor in known programs: `Case 1, 2`',
+    'portable': 'a form that is neither in the manual nor in known programs: '
+    + ', '.join(form.form for form in UNPROVEN),
 }
 """Rule name → what the rule finds."""
 

@@ -78,6 +78,7 @@ BAD = [
     ('unreachable', 4, main('  Exit Function\n  Print 1')),
     ('unreachable', 6, main('  Do While True\n    Wait 1\n  Loop\n  Print 1')),
     ('unreachable', 6, main('  Select MemSw(1)\n  Case 1\n    Print 1\n  Case 1\n  Send')),
+    ('portable', 3, main('  Do While Sw(1) = On\n    Wait 1\n  Loop Until Sw(2) = On')),
     ('portable', 4, main('  Select MemSw(1)\n  Case 1, 2\n    Print 1\n  Send')),
     ('unused', 3, main('  Integer i')),
     ('unused', 5, main('  Print 1') + 'Function nobody\nFend\n'),
