@@ -13,7 +13,7 @@ exports.activate = function activate() {
     documentSelector: ['spel', 'spel-data'].map((language) => ({ scheme: 'file', language })),
     initializationOptions: { version: Number(settings.get('version')) },
     synchronize: {
-      fileEvents: workspace.createFileSystemWatcher('**/*.{prg,inc,pts,PTS,sprj,dat}'),
+      fileEvents: workspace.createFileSystemWatcher('**/*.{prg,inc,pts,PTS,sprj,dat,yaml}'),
     },
   });
   return client.start();

@@ -8,9 +8,11 @@ from pathlib import Path
 
 from epson_driver.inputs import InputError
 from epson_driver.spel import Problem, read_project
+from epson_driver.spel.commands import CONTROLLERS, VERSIONS
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.lint import LONGEST_FUNCTION_NAME, LONGEST_NAME, check
 from epson_driver.spel.project_data import resealed
+from epson_driver.spel.settings import read_settings
 from epson_driver.spel.symbols import Place, ProjectSymbols, Symbol
 from epson_driver.spel.words import reserved
 
@@ -21,7 +23,7 @@ _LIMITS = {'function': LONGEST_FUNCTION_NAME, 'point': LONGEST_POINT_LABEL}
 
 
 class RenameError(Exception):
-    """A name that cannot be given, with a sentence that says why."""
+    """An invalid new name. The text is the reason."""
 
 
 class Project:
@@ -40,7 +42,7 @@ class Project:
     def read(self) -> None:
         """Read all files again that no editor has open, but no links to other folders.
 
-        A folder without a .prg file, or one that cannot be read, is empty.
+        An unreadable folder, or a folder without a .prg file, is empty.
         """
         try:
             texts = read_project(self.path)
@@ -67,11 +69,17 @@ class Project:
         self.opened.pop(name, None)
         self.read()
 
-    def problems(self, version: int) -> tuple[int, Mapping[str, list[Problem]]]:
-        """Return the revision and the problems of each file. It is safe in another thread."""
+    def problems(self, version: int | None) -> tuple[int, Mapping[str, list[Problem]]]:
+        """Return the revision and the problems of each file. It is safe in another thread.
+
+        The default of `version` is from spel.yaml's controller, or else the newest one. Raises
+        InputError if spel.yaml is invalid.
+        """
         revision, texts = self.revision, dict(self.texts)
+        settings = read_settings(self.folder)
+        version = version or CONTROLLERS.get(settings.controller or '', VERSIONS[-1])
         result: dict[str, list[Problem]] = {name: [] for name in texts}
-        for problem in check(texts, version):
+        for problem in check(texts, version, settings):
             result.setdefault(problem.position.file, []).append(problem)
         return revision, result
 

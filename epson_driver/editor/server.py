@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The language server: one handler for each request of an editor.
 
-Positions are code points in `projects`, and what the client has chosen (mostly UTF-16) in the
-protocol. `check` runs in a thread, when nothing has changed for `DEBOUNCE` seconds, and again if
-something has changed meanwhile: the names are answered from the index at any time.
+Columns count code points in `projects`, and the client's units (mostly UTF-16) in the protocol.
+`check` runs in a thread after `DEBOUNCE` seconds without a change, and again after changes during
+the check. Questions about names are answered from the index at any time.
 """
 
 import asyncio
@@ -60,14 +60,15 @@ class SpelServer(LanguageServer):
     def __init__(self) -> None:
         super().__init__('epson_driver', '1', lsp.TextDocumentSyncKind.Incremental)
         self.projects = Projects([])
-        self.rc_version = VERSIONS[-1]
+        self.rc_version: int | None = None
+        self._shown = ''
         self._checks: dict[Path, asyncio.Task[None]] = {}
         self._published: dict[Path, set[str]] = {}
 
     def project(self, document: Document) -> tuple[Project, str] | None:
         """Return the project of a document and the document's name in it.
 
-        Returns None for a document outside of the workspace, or one that the project lacks.
+        Returns None for a document outside of the workspace or missing in the project.
         """
         path = to_fs_path(document.uri)
         project = None if path is None else self.projects.of(Path(path))
@@ -121,13 +122,15 @@ class SpelServer(LanguageServer):
             self._checks[project.path] = task
 
     def _report(self, task: asyncio.Task[None]) -> None:
-        """Log and show the error that has ended a check, if any."""
+        """Log and show the error that has ended a check, if it is a new one."""
         error = None if task.cancelled() else task.exception()
-        if error is not None:
+        if error is None:
+            self._shown = ''
+        elif str(error) != self._shown:
+            self._shown = str(error)
             logging.getLogger(__name__).error('the check failed', exc_info=error)
-            text = f'spel check failed: {error!r}'
-            message = lsp.ShowMessageParams(lsp.MessageType.Error, text)
-            self.window_show_message(message)
+            text = f'spel check: {error}'
+            self.window_show_message(lsp.ShowMessageParams(lsp.MessageType.Error, text))
 
     async def _check(self, project: Project) -> None:
         while True:

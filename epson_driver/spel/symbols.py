@@ -4,8 +4,8 @@
 
 The index is made from tokens, so that it is complete for programs with errors, for branches that
 an #ifdef switches off, and for the labels in .pts, IOLabels.dat and UserErrors.dat. The facts of
-each line are cached by its text: after a keystroke one line is read anew. Lines and columns count
-from 0.
+each line are cached by its text, so that a keystroke costs the scan of one line. Lines and
+columns count from 0.
 """
 
 from collections import defaultdict
@@ -47,8 +47,8 @@ class Symbol:
     """A declared name.
 
     `kind`: function, variable, parameter, label, define, point, io or error. `scope`: the file and
-    the function where it is visible, in lower case, each '' for all. `detail`: its declaration, or
-    what it stands for. `last`: the last line of a function.
+    the function where it is visible, in lower case, each '' for all. `detail`: its declaration,
+    coordinates, bit or message. `last`: the last line of a function.
     """
 
     kind: str
@@ -65,10 +65,10 @@ class Symbol:
 
 
 class Use(NamedTuple):
-    """A name as it stands in a program, in lower case, and the function around it.
+    """A name in a program, in lower case, and the function around it.
 
-    `label`: in GoTo or as `name:`. `called`: before a bracket. `divides`: what is on the left of
-    the / or the sign before a name that may be a flag (`P1 /R`) or an axis (`P1 +X(5)`).
+    `label`: in GoTo or as `name:`. `called`: before a bracket. `divides`: the left operand of the
+    / or sign before a name that may be a flag (`P1 /R`) or an axis (`P1 +X(5)`).
     """
 
     name: str
@@ -95,9 +95,9 @@ _Token = tuple[str, str, int]
 
 @lru_cache(maxsize=200_000)
 def _facts(line: str) -> tuple[tuple[str, str, int, str, bool], ...]:
-    """Return what a line says: kind, name in lower case, column, detail, whether ( follows.
+    """Return a line's names: kind, name in lower case, column, detail, whether ( follows.
 
-    Kinds: those of `Symbol`, 'use', 'jump' (to a label), 'global', and 'fend'.
+    Kinds: as in `Symbol`, 'use', 'jump' (to a label), 'global', and 'fend'.
     """
     code = line.lstrip(' \t\ufeff')
     facts: list[tuple[str, str, int, str, bool]] = []
@@ -331,7 +331,7 @@ class ProjectSymbols:
         return found, shift
 
     def at(self, file: str, line: int, column: int) -> tuple[list[Symbol], Place] | None:
-        """Return the declarations of the name at a position, and where it stands."""
+        """Return the declarations of the name at a position, and its place."""
         for name, uses in self.files[file].uses.items():
             for use in uses:
                 if use.line == line and use.start <= column <= use.start + len(name):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from epson_driver.editor.projects import Project, Projects, RenameError
+from epson_driver.inputs import InputError
 from epson_driver.inputs.rc_files import Block, header_fault, sealed
 from epson_driver.spel.project_data import points_of
 from epson_driver.spel.values import Point
@@ -56,7 +57,7 @@ def test_a_point_and_an_io_label_change_in_all_files_with_their_headers(tmp_path
     assert 'Go grasp\n  On Vacuum' in (tmp_path / 'main.prg').read_text()
     for name in ('robot1.pts', 'IOLabels.dat'):
         assert header_fault((tmp_path / name).read_bytes()) == ''
-    _, problems = Project(tmp_path).problems(8)
+    _, problems = Project(tmp_path).problems(None)
     assert not any(problems.values())
 
 
@@ -124,3 +125,16 @@ def test_open_text_counts_until_it_is_closed(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').unlink()
     project.read()
     assert project.texts == {}
+
+
+def test_spel_yaml_beside_the_project_has_the_version(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text('Function main\n  UByte b\n  b = 200\n  Print b\nFend\n')
+    project = Project(tmp_path)
+    rules = []
+    for text, version in (('rc620', None), ('rc700a', None), ('rc700a', 6)):
+        (tmp_path / 'spel.yaml').write_text(f'controller: {text}\n')
+        rules.append([item.rule for item in project.problems(version)[1]['main.prg']])
+    assert rules == [['version'], [], ['version']]
+    (tmp_path / 'spel.yaml').write_text('ports: 5\n')
+    with pytest.raises(InputError, match='must have items'):
+        project.problems(None)
