@@ -127,7 +127,7 @@ def _described(reply: Packet) -> str:
 
 
 async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
-    """Send, with the motors off, the requests meant for JOINT_TRAJ_PT programs only."""
+    """Return which special sequence numbers the program supports. The motors must be off."""
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
     facts: Facts = {} if answered is None else {'program.special_sequences': 'all'}
@@ -203,7 +203,8 @@ async def ask_joints(
 ) -> tuple[tuple[float, ...], bool]:
     """Return joint positions, rad or m by `units`, and whether the motors are on.
 
-    Raises RemoteError if the controller refuses, TimeoutError, ConnectionError.
+    Raises RemoteError if the controller refuses, TimeoutError if it does not answer, or
+    ConnectionError if the connection fails.
     """
     async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:
         return await ask_positions(ask, units)
@@ -219,7 +220,8 @@ async def ask_remote_port(
 ) -> tuple[Facts, list[Inhibit]]:
     """Return the facts from Remote Ethernet, and the reasons why the arm cannot move.
 
-    `texts`: the controller's error texts. `needs_main`: the arm moves only while main runs.
+    `texts`: the controller's error texts. `needs_main`: whether the arm moves only while the SPEL+
+    function main runs.
     """
     try:
         async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:

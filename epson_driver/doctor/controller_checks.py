@@ -48,7 +48,7 @@ from epson_driver.simple_message import Status, TriState
 
 MIN_LISTENING_S = 1.0
 AT_ONCE_S = 0.5
-"""Time within which a closed connection counts as refused, s."""
+"""A connection that the controller closes within this time counts as refused, s."""
 
 CONDITION_S = 3.0
 """Maximum wait for the first STATUS before the remaining checks, s."""
@@ -100,10 +100,10 @@ class Question:
 async def check_controller(
     question: Question, findings: Findings, ask: Ask | None = None
 ) -> Facts:
-    """Check a controller and return the facts by the keys of a profile.
+    """Check a controller, and return measured values by the keys of a controller profile.
 
-    `ask` shows a sentence to a person at the pendant and returns the answer. None: no person is
-    available.
+    `ask` shows a sentence to a person at the pendant and returns the answer. It is None if no
+    person is available.
     """
     facts = await _check(question, findings, ask)
     if question.profile.spel.project:

@@ -36,8 +36,8 @@ class Finding:
 class Findings:
     """Collects findings and reports each immediately, because the next check may be slow.
 
-    `tell` receives each finding, `busy` a description of the current step. `doubt`: a sentence on
-    why it is unknown whether the arm could move.
+    `tell` is called with each finding, and `busy` with a description of the current step. `doubt`:
+    a sentence on why it is unknown whether the arm could move.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ ABOUT = {
     Cause.MAIN_ENDED: 'main',
     Cause.PAUSED: 'pause',
 }
-"""Subjects of the causes. Any other cause: the arm."""
+"""The subject of a finding about each cause. For other causes it is the arm."""
 
 WORDS = {
     Remedy.RELEASE_ESTOP: 'release it, ~/reset_error (or reset at the controller), then ~/enable',
@@ -130,7 +130,7 @@ WORDS = {
 
 
 def tell_inhibit(inhibit: Inhibit, findings: Findings, driver: str = '') -> None:
-    """Report a reason why the arm cannot move, from the driver `who`, or from the controller."""
+    """Report a reason why the arm cannot move. `driver`: the driver that states it, if any."""
     remedy = WORDS.get(inhibit.remedy, inhibit.remedy.value)
     about = driver or ABOUT.get(inhibit.cause, ARM)
     findings.held(about, inhibit.text, ', '.join(filter(None, (inhibit.advice, remedy))))
@@ -139,7 +139,7 @@ def tell_inhibit(inhibit: Inhibit, findings: Findings, driver: str = '') -> None
 def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> None:
     """Report the /diagnostics of the drivers running in this ROS domain.
 
-    Each has `name`, `host`, `text` and the other diagnostic values of its arm.
+    Each mapping has `name`, `host`, `text` and the other diagnostic values of the driver's arm.
     """
     for driver in drivers:
         who = f'driver {driver["name"]} ({driver["host"]})'

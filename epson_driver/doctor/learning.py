@@ -70,13 +70,13 @@ def why_not(key: str) -> str:
 
 
 def unknown(facts: Facts) -> list[str]:
-    """Return the keys of a profile that were not measured, in the order of the rules."""
+    """Return the keys of a profile that were not measured, in the order of RULES."""
     named = ('name', 'description', 'approximate')
     return [key for key in RULES if key not in facts and key not in named]
 
 
 def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
-    """Return the text of a profile file: the facts, over another profile for the other keys.
+    """Return the text of a profile file: the facts, and the other keys from the profile `like`.
 
     `about`: time and place of the measurement. The keys that were not measured are listed in
     comments.
@@ -108,7 +108,7 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
 
 
 def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, object, object]]:
-    """Return key, measured value and value of the profile for each difference."""
+    """Return key, measured value and profile value of each fact that differs from the profile."""
     result = []
     for key, value in facts.items():
         if key.startswith('ports.') or key in ('io', 'mode'):
@@ -125,9 +125,9 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
 
 
 _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
-"""Keys with values of the profile that a measurement cannot contradict. `none`: Remote Ethernet
-may be available although the driver must not use it. `restart`: the program that must be stopped
-first is visible only while it runs."""
+"""Keys, with the profile value that a measurement cannot contradict. `none`: Remote Ethernet may
+be available although the driver must not use it. `restart`: the program that must be stopped first
+is visible only while it runs."""
 
 TOLERANCE_SHARE = 0.1
 """Relative tolerance of a measured time, in addition to its uncertainty."""
@@ -139,7 +139,7 @@ def tolerance(value: float, expected: float) -> float:
 
 
 def value_of(profile: ControllerProfile, key: str) -> object:
-    """Return a key of a profile in the form of a profile file."""
+    """Return the value of a key of a profile, in the form of a profile file."""
     result: Any = profile
     for name in key.split('.'):
         result = getattr(result, name)

@@ -47,7 +47,7 @@ SIMPLE_MESSAGE: MakeLink = partial(Link, 'doctor', quiet=True)
 
 
 class Refusal(Enum):
-    """Kinds of failed connections. Each value is two words, a clause and the remedy."""
+    """Kinds of failed connections. A value is a short name, a clause, and the remedy."""
 
     UNKNOWN_NAME = (
         'unknown name',
@@ -154,7 +154,7 @@ class Conversation:
             self.link.post(message, lambda packet, _: self._take(packet))
 
     def restart(self) -> None:
-        """Clear the traffic of an open connection, and continue with the current recorder."""
+        """Clear the traffic of an open connection, and use the current TRACE from now on."""
         self._finish()
         self.traffic.packets.clear()
         if self.link.addresses is not None:
@@ -236,8 +236,8 @@ async def opened(
     """Connect to a port. Raises NoConnectionError if that fails.
 
     A server may need REOPENED_S to open its port again after another client has left, so a refused
-    connection is retried. sends: the server sends without a request, so a connection that it
-    closes first is retried, too. make: creates another link than that of simple message.
+    connection is retried. `sends`: whether the server sends without a request. If so, a connection
+    that it closes before it has sent anything is retried, too. `make`: creates the link.
     """
     clock = asyncio.get_running_loop().time
     deadline = clock() + REOPENED_S
@@ -274,7 +274,7 @@ async def conversation(
 
 
 def refusal_of(error: BaseException | None) -> Refusal:
-    """Return the kind of a failed connection from its exception, None if it was closed."""
+    """Return the kind of a failed connection. `error`: its exception, or None if it was closed."""
     if isinstance(error, socket.gaierror | UnicodeError):
         return Refusal.UNKNOWN_NAME
     number = error.errno if isinstance(error, OSError) else None

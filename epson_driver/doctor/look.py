@@ -49,8 +49,9 @@ NOTHING_LISTENS = (
 class Look:
     """The services that answer at an address, with the profile and the model that fit.
 
-    profile, model: names, or '' if unknown. why: the reason for the profile. answers: a clause for
-    each port. simulated: whether the controller reports that it is simulated.
+    `profile`, `model`: names, or '' if unknown. `why`: the reason for the profile. `answers`: a
+    clause on the service at each port. `simulated`: whether the controller reports that it is
+    simulated.
     """
 
     host: str
@@ -69,7 +70,7 @@ class Look:
 async def look_at(
     host: str, password: str = '', remote_port: int | None = None, state_port: int | None = None
 ) -> Look:
-    """Identify a controller from its ports. None selects the default port, 0 no port."""
+    """Identify a controller from its ports. A port of None is the default port, 0 is not used."""
     look = Look(host, REMOTE_PORT if remote_port is None else remote_port)
     states = STATE_PORTS if state_port is None else {state_port: STATE_PORTS[11002]}
     listeners = asyncio.gather(*(_listen(look, port) for port in states if port))
@@ -90,7 +91,11 @@ async def look_at(
 
 
 async def _ask_remote(look: Look, password: str) -> str | None:
-    """Ask the remote port. Returns None without an answer, else a simulation's profile or ''."""
+    """Query the remote port, and note its answer in `look`.
+
+    Return the profile that a simulated controller reports, '' for a real one, or None if there is
+    no answer.
+    """
     port = look.remote_port
     if not port:
         return None
@@ -135,7 +140,7 @@ async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
 
 
 def _nearest(traffic: ReceivedTraffic, names: tuple[str, ...]) -> str:
-    """Return the first of the profiles with the fewest differences to the traffic."""
+    """Return the profile that differs least from the traffic, the first one of several."""
     facts = state_facts(traffic)
     return min(names, key=lambda name: len(differences(facts, load_controller_profile(name))))
 

@@ -36,9 +36,10 @@ async def tell_of_no_state(
     motion: tuple[str, int],
     findings: Findings,
 ) -> bool:
-    """Return whether a port is not a state port. If it is not, report its service.
+    """Return whether a port is not a state port. If so, report what it is instead.
 
-    `motion`: host and port of the motion port, which is checked if this port is silent.
+    `listened`: duration of listening, s. `motion`: host and port of the motion port, which is
+    checked if the state port is silent.
     """
     received = state.traffic
     if received.unreadable:

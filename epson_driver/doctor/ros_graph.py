@@ -26,7 +26,7 @@ ARM = ': arm'
 
 
 def main() -> int:
-    """Listen for the time in the first argument, s, and print the result."""
+    """Listen for as many seconds as the first argument says, and print the result."""
     timeout = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
     with udp_by_default():
         rclpy.init()

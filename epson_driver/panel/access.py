@@ -30,7 +30,7 @@ class Rejection(NamedTuple):
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach a server at an address."""
+    """Return whether only this machine can reach a server at `host`."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -52,13 +52,17 @@ def own_names(host: str) -> frozenset[str]:
 
 
 def bracketed(address: str) -> str:
-    """Return an address in the form of URLs, which have IPv6 addresses in brackets."""
+    """Return an address as in a URL, which has brackets around an IPv6 address."""
     return f'[{address}]' if ':' in address else address.lower()
 
 
 @dataclass(frozen=True)
 class Access:
-    """The rules for one panel. `names`: from `own_names`. `token`: required unless None."""
+    """The access rules of one panel.
+
+    `names`: the host names from `own_names`. `token`: the secret that each request must contain,
+    or None if none is required.
+    """
 
     port: int
     names: frozenset[str]
@@ -69,7 +73,8 @@ class Access:
     ) -> Rejection | None:
         """Return the rejection of a request, or None if it is accepted.
 
-        `headers`: by names in lower case. `local_address`: of the connection.
+        `headers`: values by lower-case name. `local_address`: the panel's address in this
+        connection.
         """
         names = self.names | {bracketed(local_address)}
         own = {f'{name}:{self.port}' for name in names}
@@ -89,11 +94,11 @@ class Access:
 
     @property
     def cookie(self) -> str:
-        """The name of the cookie with the token. All ports of a host share their cookies."""
+        """The name of the token's cookie, with the port: all ports of a host share cookies."""
         return f'epson_driver_panel_{self.port}'
 
     def new_headers(self, path: str) -> dict[str, str]:
-        """Return the security headers of the response to a request, with the token's cookie."""
+        """Return the security headers of a response, and the cookie if `path` has the token."""
         headers = {
             'Content-Security-Policy': CONTENT_SECURITY_POLICY,
             'X-Frame-Options': 'DENY',

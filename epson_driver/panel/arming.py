@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arming: the permission for one browser at a time to move a robot.
 
-Arming ends when the user disarms, when the page is closed, disconnected or unresponsive, because
-its user could not press STOP, and when the displayed data is too old. The motion that the browser
-has started ends then, too.
+Arming ends when the user disarms, or when the displayed data is too old. It also ends when the
+page is closed, disconnected or unresponsive, because its user could not press STOP. The motion
+that the browser has started ends then, too.
 """
 
 import contextlib
@@ -85,7 +85,7 @@ class Arming:
             self._holder = browser
 
     def disarm(self, why: str, browser: int | None = None) -> bool:
-        """Disarm a browser, or whichever is armed. Returns whether one was armed.
+        """Disarm `browser`, or the armed one if it is None. Return whether a browser was disarmed.
 
         `why`: the reason, for the log.
         """
@@ -112,7 +112,7 @@ class Arming:
 
     @contextlib.contextmanager
     def held(self, browser: int) -> Iterator[None]:
-        """Run a block for the armed browser. Arming cannot end during the block.
+        """Run the block if the browser is armed. It stays armed until the block ends.
 
         The block must not wait for anything. Raises NotArmedError if the browser is not armed.
         """

@@ -29,20 +29,20 @@ DIRECTIONS = {
     'V': (1, np.array([0.0, 1.0, 0.0])),
     'W': (1, np.array([1.0, 0.0, 0.0])),
 }
-"""Whether an axis is rotational, and its direction in the frame."""
+"""For each axis: 1 for a rotation or 0 for a translation, and the direction in the frame."""
 
 JOINT_FRACTION = 0.25
 """Full jog speed of a joint, as a fraction of its velocity limit, like `servo.scale`."""
 
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
-"""Full jog speeds of the tool. The first is the reduced speed of ISO 10218-1."""
+"""Full jog speeds of the tool: 0.25 m/s (the reduced speed of ISO 10218-1), and rad/s."""
 
 MAX_TWIST_ERROR = 0.02
-"""Maximum deviation of the tool's motion from the requested direction, as a fraction of its
-speed. A larger one, as close to a singularity, is refused."""
+"""Maximum deviation of the tool's velocity from the requested one, as a fraction of it. A jog is
+refused if the deviation is larger, as it is near a singularity."""
 
 END = 0.005
-"""Distance from an end of its range within which a joint is not jogged outwards, rad or m."""
+"""A joint that is closer than this to an end of its range is not jogged towards it, rad or m."""
 
 STEP_FRACTION = 0.2
 """Fraction of the joints' velocity and acceleration limits used by a step at full speed."""
@@ -55,11 +55,11 @@ POINT_PERIOD_S = 0.05
 """Time between the points of a step's trajectory, s."""
 
 PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
-"""Peaks of the quintic polynomial that is at rest at both ends, for a distance of 1 in 1 s."""
+"""Peak velocity and acceleration of a quintic polynomial from rest to rest, for 1 unit in 1 s."""
 
 MAX_ITERATIONS = 20
 MAX_POSE_ERROR = 1e-7
-"""Maximum iterations and pose tolerance, m and rad, of the inverse kinematics along a line."""
+"""Maximum number of iterations, and pose tolerance, m and rad, of the inverse kinematics."""
 
 
 class Jog:
@@ -77,8 +77,8 @@ class Jog:
     def velocities(self, joints: Array, axis: str, frame: str, fraction: float) -> Array:
         """Return the joint velocities of a jog, shape (n,), rad/s or m/s.
 
-        axis: the number of a joint from 1, or one of TOOL_AXES. frame: of a tool axis, WORLD or
-        TOOL. fraction: fraction of full speed, -1 … 1.
+        `axis`: the number of a joint from 1, or one of TOOL_AXES. `frame`: WORLD or TOOL, the
+        frame of a tool axis. `fraction`: fraction of full speed, -1 … 1.
         """
         limits = self.model.limits
         if (index := self._joint(axis)) is not None:
@@ -96,7 +96,8 @@ class Jog:
     ) -> Trajectory:
         """Return the trajectory of a step of a joint, or of the tool on a straight line.
 
-        axis, frame: as in `velocities`. size: rad or m. fraction: fraction of full speed, (0, 1].
+        `axis`, `frame`: as in `velocities`. `size`: the displacement, rad or m. `fraction`:
+        fraction of full speed, (0, 1].
         """
         index = self._joint(axis)
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'
@@ -119,9 +120,9 @@ class Jog:
         return self.along(np.linspace(joints, goal, 9), fraction)
 
     def joints_at(self, point: Array, near: Array) -> Array:
-        """Return the joints at which the tool is at a point, nearest to the joints `near`.
+        """Return the joint positions, nearest to `near`, that bring the tool to a point.
 
-        point: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
+        `point`: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
         """
         pose = np.eye(4)
         pose[:3, :3] = rotation_of_uvw(np.radians(point[3:]))

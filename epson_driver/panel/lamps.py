@@ -47,7 +47,7 @@ class Lamp(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """The reason why the arm cannot move now, and the remedy. `colour`: that of a lamp.
+    """The reason why the arm cannot move now, and the remedy. `colour`: one of COLOURS.
 
     `armed`: whether the remedy needs an armed window.
     """
@@ -142,7 +142,7 @@ def advice(state: RobotState, now: float) -> Advice:
 
 
 def _condition(state: RobotState, now: float) -> Mapping[str, str]:
-    """Return a simulated controller's condition by region, or {} if it is not known."""
+    """Return a simulated controller's condition (see `Simulation`), or {} if it is not known."""
     if state.simulation is None or not state.fresh('simulation', now):
         return {}
     return state.simulation.condition

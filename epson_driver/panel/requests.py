@@ -46,7 +46,7 @@ def text(message: Message, key: str) -> str:
 
 
 def number(message: Message, key: str, low: float, high: float) -> float:
-    """Return a number of a message. Raises BadMessageError if it is outside low…high."""
+    """Return a number of a message. Raises BadMessageError if it is outside `low` … `high`."""
     value = message.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise BadMessageError(f'{key} must be a number')
@@ -56,9 +56,9 @@ def number(message: Message, key: str, low: float, high: float) -> float:
 
 
 class Requests:
-    """The actions of windows on a robot, in `table` by name.
+    """The actions that a window can request for a robot. `table` has them by name.
 
-    `trajectories`: those that the page offers, by name.
+    `trajectories`: the trajectories that the page offers, by name.
     """
 
     def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:

@@ -25,8 +25,8 @@ START_TOLERANCE: float = ROWS['start_tolerance'].default
 """Maximum distance of a joint from a trajectory's start, rad or m. The driver checks it, too."""
 
 MIN_SPEED = 0.01
-"""Minimum speed of a single motion, as a fraction of the joints' velocity limits. SPEL+ has no
-lower one."""
+"""Minimum speed of a single motion, as a fraction of the joints' velocity limits. SPEL+ accepts no
+lower speed."""
 
 STOP_ANSWER_S = 0.5
 """Time without an answer to STOP after which the panel raises an alarm, s."""
@@ -46,10 +46,11 @@ PENDANT: dict[str, dict[str, Action]] = {
 
 
 class RobotControl:
-    """One robot, for all browsers. Methods are thread-safe and do not block.
+    """The actions on one robot, for all browsers. Methods are thread-safe and do not block.
 
-    They raise RequestError with a sentence for the user. `pendant` returns the simulated pendant
-    of a controller, by host and port, or None if the controller must not be queried.
+    They raise RequestError, with a sentence for the user, if an action is not possible now.
+    `pendant` returns the simulated pendant of the controller at a host and a port, or None if that
+    controller must not be queried.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class RobotControl:
         return str(parameters['robot_ip']), int(parameters['remote_port'])
 
     def update(self) -> None:
-        """Update model, pendant, arming and STOP alarm. In the thread of `Panel.run`."""
+        """Update model, pendant, arming and STOP alarm. Called in the thread of `Panel.run`."""
         parameters = self.robot.parameters
         address = self._address
         if parameters and parameters['robot_model'] != self._model_name:
@@ -350,7 +351,7 @@ class RobotControl:
         return replace(trajectory, joint_names=names)
 
     def _send(self, name: str, trajectory: Trajectory) -> None:
-        """Send a trajectory, or only its end to a controller that takes no trajectories."""
+        """Send a trajectory. A controller that takes no trajectories gets only the last point."""
         trajectory = replace(trajectory, joint_names=self.robot.state.joint_names)
         goal = trajectory
         if self.robot.state.no_plans and self.model is not None:

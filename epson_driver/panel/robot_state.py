@@ -58,7 +58,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The report of a simulated controller: its condition by region, and its active faults."""
+    """The report of a simulated controller. `condition`: such as {'estop': 'not active'}."""
 
     condition: Mapping[str, str]
     faults: tuple[str, ...] = ()
@@ -87,8 +87,8 @@ class RobotState:
     """The latest values that a driver has reported.
 
     Arrays of joints have the order of `joint_names`, shape (n,), rad or m. `inhibit`: the driver's
-    reason why the arm cannot move, or None. `times`: when values arrived, by name, s, by the
-    panel's clock.
+    reason why the arm cannot move, or None. `times`: when each value arrived, by its name, s on
+    the panel's clock.
     """
 
     joint_names: tuple[str, ...] = ()
@@ -141,7 +141,7 @@ class RobotState:
     def joints_missing(self, now: float) -> bool:
         """Return whether the joints are too old, although the controller should report them.
 
-        `joints withheld` in `times` is the last time at which it could not.
+        `times['joints withheld']` is the last time when the controller could not report them.
         """
         ages = (self.age('joints', now), self.age('joints withheld', now))
         return all(age is None or age > MAX_AGES_S['joints'] for age in ages)
@@ -154,7 +154,7 @@ Say = Callable[[str, int], object]
 class Robot(Protocol):
     """A driver: its state, and requests to it, which do not block.
 
-    Requests raise RequestError if the driver does not offer their service.
+    Requests raise RequestError if the driver does not offer the required service.
     """
 
     state: RobotState

@@ -257,7 +257,7 @@ class RobotView:
         }
 
     def _set_plan(self, plan: Trajectory | None) -> None:
-        """Draw the tool path of a plan, or, if it is None, the path of the reference so far."""
+        """Draw the tool path of `plan`. If it is None, draw the path of the reference so far."""
         self._plan = plan
         self._paths += 1
         points: list[list[float]] | None = None

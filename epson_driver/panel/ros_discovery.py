@@ -30,7 +30,7 @@ from epson_driver.panel.ros_robot import RosRobot
 NAME = 'epson_driver_panel'
 
 SPEED_SERVICE = ('epson_msgs/srv/SetSpeedScaling', '/set_speed_scaling')
-"""Type and end of the name of a service that identifies a driver of this package."""
+"""The service that identifies a driver of this package: its type, and the end of its name."""
 
 GOAL_TIMEOUT_S = 3.0
 """Maximum time for the panel's goals to end when the panel closes, s."""

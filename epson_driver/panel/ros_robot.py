@@ -155,9 +155,9 @@ class RosRobot:
         ]
 
     def last_seen(self, now: float) -> float:
-        """Return when the driver was last present or last reported, by the panel's clock, s.
+        """Return when the driver was last present or last reported, s.
 
-        `now`: the time, s.
+        `now` and the result are times on the panel's clock.
         """
         if self._last_present is None or self._get_parameters.service_is_ready():
             self._last_present = now
@@ -268,7 +268,7 @@ class RosRobot:
             self.state.times['joints withheld'] = now
 
     def _on_controller_state(self, message: Any, now: float) -> None:
-        """Read the joints from ~/controller_state. Other nodes may publish `joint_states`."""
+        """Read the joints from ~/controller_state, because any node may publish `joint_states`."""
         state, stamp, joints = self.state, message.header.stamp, message.feedback
         sent, names = list(message.joint_names), tuple(self.parameters.get('joint_names', ()))
         if not names or not self._joints.take(

@@ -178,7 +178,7 @@ class PendantThread:
         self._thread.start()
 
     def pendant(self, host: str, port: int) -> SimPendant | None:
-        """Return the pendant of a controller, or None without a port on this machine."""
+        """Return the pendant of a controller, or None if its port is 0 or on another machine."""
         if not port or not is_loopback(host):
             return None
         return SimPendant(self._loop, host, port, self._clock)

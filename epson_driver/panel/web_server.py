@@ -188,10 +188,10 @@ class WebServer:
 
 
 class _Connection(ServerConnection):
-    """A connection that fails at too many frames (`Window.count`), and at fragmented messages.
+    """A connection that is closed after too many frames (`Window.count`) or a fragmented message.
 
-    Pings count, too, because the library answers each of them. Fragments are refused, because it
-    stores any number of empty ones.
+    Pings count as frames, because the library answers each. Fragments are refused, because the
+    library would store any number of empty ones.
     """
 
     @functools.cached_property

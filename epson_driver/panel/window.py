@@ -62,7 +62,7 @@ class Window:
         self._news = asyncio.Event()
         self._paid_until = 0.0
         self._smallest_offset: float | None = None
-        """Smallest difference of the clocks of panel and window, including the delay, s."""
+        """Smallest arrival time (panel's clock) minus sending time (window's clock), s."""
         self._silence: asyncio.TimerHandle | None = None
 
     def choose(self, robot: str) -> None:
@@ -93,15 +93,15 @@ class Window:
         self._wake()
 
     def count(self, now: float) -> None:
-        """Count a received frame. Raises BadMessageError above MAX_MESSAGES_PER_S. now: s."""
+        """Count a frame received at `now`, s. Raises BadMessageError if the rate is too high."""
         self._paid_until = max(self._paid_until, now) + 1.0 / MAX_MESSAGES_PER_S
         if self._paid_until > now + MAX_BURST_S:
             raise BadMessageError(f'more than {MAX_MESSAGES_PER_S:g} messages per second')
 
     def late(self, sent: float, now: float) -> bool:
-        """Return whether a message was MAX_LATE_S longer in transit than the fastest one.
+        """Return whether a message took over MAX_LATE_S longer to arrive than the fastest one.
 
-        sent: s, by the window's clock. now: s, by the panel's clock.
+        `sent`: s, by the window's clock. `now`: s, by the panel's clock.
         """
         offset = now - sent
         if self._smallest_offset is None or offset < self._smallest_offset:
@@ -109,7 +109,7 @@ class Window:
         return offset - self._smallest_offset > MAX_LATE_S
 
     def after_silence(self, do: Callable[[], object]) -> None:
-        """Call `do` HELD_S after the last call of this method. In the loop's thread."""
+        """Call `do` in the event loop HELD_S after the last call of this method."""
         if self._silence is not None:
             self._silence.cancel()
         self._silence = self._loop.call_later(HELD_S, do)

@@ -144,7 +144,7 @@ def _size(path: Path) -> int:
 
 @contextmanager
 def _bounded(maximum: int) -> Iterator[None]:
-    """Limit the additional memory of this process, and the size of files that it writes, bytes.
+    """Limit additional memory and the size of written files to `maximum` bytes each.
 
     A compressed bag can expand to any size, which the library does not limit.
     """
@@ -429,7 +429,7 @@ def _followed_plans(
 ) -> Iterator[Plan]:
     """Yield a plan for each goal, from the references of ~/controller_state.
 
-    followed: time, time from the start of the goal, s, and positions of each reference.
+    `followed`: time, time since the start of the goal, s, and positions of each reference.
     """
     rows: list[tuple[float, float, list[float]]] = []
     for row in followed:

@@ -25,10 +25,12 @@ LATE_PERIODS = 5.0
 """A joint state is very late after an interval of more than this multiple of the median."""
 
 UNLIKELY_SHARE = 0.3
-"""Maximum deviation of a velocity from the fit to many samples, as a fraction of the fit."""
+"""A velocity that differs from the fit to many samples by more than this fraction of the fit is
+replaced."""
 
 SHORTEST_SHARE = 0.9
-"""Minimum time between two joint states at their sender, as a fraction of the median interval."""
+"""Assumed minimum interval at which a controller sends joint states, as a fraction of the median
+interval."""
 
 CHUNK = 20_000
 """Number of samples fitted together. It bounds the memory."""
@@ -65,7 +67,7 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
 
 
 def apart(times: Array, shortest: float) -> Array:
-    """Return ascending times, moved earlier where they are closer than `shortest` s."""
+    """Return ascending times, some moved earlier so that all are at least `shortest` s apart."""
     steps = shortest * np.arange(len(times))
     return np.asarray(np.minimum.accumulate((times - steps)[::-1])[::-1] + steps)
 
@@ -88,7 +90,7 @@ def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
 
 
 def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Array, Array]:
-    """Return both derivatives of polynomials fitted to `reach` samples on either side."""
+    """Return velocities and accelerations of polynomials fitted to `reach` samples on a side."""
     count = len(times)
     velocities, accelerations = np.empty_like(positions), np.zeros_like(positions)
     offsets = np.arange(-reach, reach + 1)
@@ -116,7 +118,8 @@ STANDSTILL_RAD = 5e-4
 """Displacement of a joint up to which the arm has not moved yet, rad or m."""
 
 MAX_PAIRS = 25_000_000
-"""Maximum number of points times joint states that are compared. Longer motions are subsampled."""
+"""Maximum number of plan points times number of joint states to compare. Longer motions are
+subsampled."""
 
 STOP_SHARE = 0.02
 """Speed below which a moving arm is stopped, as a fraction of its top speed."""
@@ -167,8 +170,9 @@ class Motion:
 class Figures:
     """All measured values of a run.
 
-    velocities, accelerations: those of the joint states, shape (k, m). traffic: (message name,
-    sender, intervals). replies: (request name, latencies).
+    `velocities`, `accelerations`: of the joint states, shape (k, m). `traffic`: for each kind of
+    message, its name, sender and intervals. `replies`: for each kind of request, its name and
+    latencies.
     """
 
     velocities: Array
@@ -182,9 +186,9 @@ class Figures:
 
 
 def figures(run: Run, metric: Array | None = None) -> Figures:
-    """Return the figures of a run, with measured velocities if it has them.
+    """Return the figures of a run. Velocities measured by the controller are used if available.
 
-    metric: JointLimits.rad_per_unit, shape (m,), which makes prismatic joints comparable with
+    `metric`: JointLimits.rad_per_unit, shape (m,), which makes prismatic joints comparable with
     revolute ones when standstills are detected. Without it, all joints count as revolute.
     """
     metric = np.ones(len(run.joint_names)) if metric is None else metric

@@ -23,7 +23,7 @@ joint states is assumed to be straight, which causes an error of 1 mrad if they 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Joint states in order of arrival. times: s, shape (k,). The others: shape (k, n)."""
+    """Joint states in order of arrival. `times`: s, shape (k,). The other arrays: shape (k, n)."""
 
     times: Array
     positions: Array
@@ -34,8 +34,9 @@ class Recording:
 class Figures:
     """The figures of one motion. Times in s, deviations in rad, speed in rad/s, rate in Hz.
 
-    planned, moved: durations of plan and motion. stops: stops that are not in the plan.
-    commanded_stops: stops that are. waypoint_times: when the arm passed the waypoints, shape (n,).
+    `planned`, `moved`: durations of plan and motion. `stops`: number of stops that the plan does
+    not contain. `commanded_stops`: number of stops that it contains. `waypoint_times`: when the
+    arm passed the waypoints, shape (n,).
     """
 
     planned: float

@@ -49,7 +49,8 @@ class Condition:
 class Plan:
     """A trajectory that was sent to the controller. `sent`: when its first point was sent, s.
 
-    times: of the points, from the first one, s, shape (n,). positions: shape (n, m), rad or m.
+    `times`: of the points, s since the first point, shape (n,). `positions`: shape (n, m), rad or
+    m.
     """
 
     sent: float
@@ -82,7 +83,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A request with a reply. `time`: when it was sent, s. `latency`: of the reply, s."""
+    """A request with a reply. `time`: when it was sent, s. `latency`: time until the reply, s."""
 
     time: float
     latency: float
@@ -93,10 +94,10 @@ class Reply:
 class Run:
     """One run of one robot.
 
-    began: ns since 1970. times: of the joint states, s, ascending, shape (k,). positions: shape
-    (k, m), rad or m. velocities: measured by the controller, shape (k, m), or None. links: time,
-    port, and whether it was connected (else disconnected). notes: sentences on the limits of the
-    recording.
+    `began`: ns since 1970. `times`: of the joint states, s, ascending, shape (k,). `positions`:
+    shape (k, m), rad or m. `velocities`: measured by the controller, shape (k, m), or None.
+    `links`: time, port, and True for a connection or False for a disconnection. `notes`: sentences
+    on the limits of the recording.
     """
 
     source: str

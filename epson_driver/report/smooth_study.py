@@ -151,9 +151,9 @@ def column(
 ) -> Column:
     """Return the column of a motion, with its figures.
 
-    motion: with the times at which it passes the points, s, shape (n,), or without. They are
-    computed from `plan` then. command: the plan, if the motion has to keep its times. Raises
-    ValueError without both plan and times.
+    `motion`: the samples, alone or with the times at which the motion passes the points, s, shape
+    (n,). Missing times are computed from `plan`. `command`: the plan, if the motion has to keep
+    its times. Raises ValueError if both the times and `plan` are missing.
     """
     if isinstance(motion, tuple):
         sampled, times = motion

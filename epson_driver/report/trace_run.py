@@ -350,7 +350,7 @@ class _Plans:
         return first
 
     def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Return whether a point repeats the first one, which a busy controller receives again."""
+        """Return whether a point is the first one, sent again because the controller was busy."""
         positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 
