@@ -12,7 +12,8 @@ from epson_driver.motion.limits import Array
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_COMPARED_PAIRS = 25_000_000
-"""Maximum number of pairs of a waypoint and a sample compared together. Each takes 4 bytes."""
+"""Maximum number of pairs of a waypoint and a sample that are compared. A pair takes 4 bytes. With
+more pairs, some samples are skipped at first."""
 
 Indices = npt.NDArray[np.intp]
 
@@ -20,8 +21,9 @@ Indices = npt.NDArray[np.intp]
 def closest_sample_indices(waypoints: Array, positions: Array) -> Indices:
     """Return the index of the sample at which a motion passes each waypoint, shape (n,).
 
-    waypoints: shape (n, m). positions: the samples, shape (k, m). The indices do not decrease, and
-    have the smallest sum of distances (dynamic programming). So a path may cross itself.
+    waypoints: shape (n, m). positions: the samples, shape (k, m). Among all indices that do not
+    decrease, the result has the smallest sum of distances between waypoints and samples (dynamic
+    programming). So the order of the waypoints is respected if the path crosses itself.
     """
     samples = np.arange(len(positions))
     predecessor = np.empty((len(waypoints), len(samples)), dtype=np.int32)
@@ -59,7 +61,7 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
-    """Return the closest sample indices. In a long motion, search some samples, then refine."""
+    """Return `closest_sample_indices`. In a long motion, skip samples at first, then refine."""
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
     result = closest_sample_indices(waypoints, positions[::stride]) * stride
     if stride == 1:
@@ -74,10 +76,7 @@ def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
 def _nearest(
     waypoint: Array, motion: Trajectory, velocities: Array, first: int
 ) -> tuple[float, float]:
-    """Return the smallest distance to a waypoint after sample `first`, and its time, s.
-
-    The search ends at the next sample.
-    """
+    """Return the smallest distance to a waypoint from sample `first` to the next, and its time."""
     dt = float(motion.times[first + 1] - motion.times[first])
     start, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
     low, high = 0.0, 1.0

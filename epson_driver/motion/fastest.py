@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest motion from rest to rest through waypoints that are all known in advance.
 
-`transcription` optimises a motion from a start solution: a spline through the waypoints, with
-speeds along it that ignore the jerk limits. Its result is slowed down until it respects each limit
-at every instant.
+`transcription` improves an initial motion: a spline through the waypoints, with speeds along it
+that ignore the jerk limits. Its result is slowed down until it respects each limit at every
+instant. u is the path parameter of the spline.
 """
 
 from math import ceil
@@ -23,7 +23,7 @@ MAX_SEARCH_STEPS = 160
 
 MAX_INTERVAL_SHARE = 0.6
 """Maximum time between two knots, as a fraction of the shortest time in which a joint reaches its
-maximum acceleration. Segments between waypoints that take longer are divided."""
+maximum acceleration. A segment between two waypoints that takes longer is divided by knots."""
 
 MAX_PARTS = 10
 """Maximum number of intervals into which a segment between two waypoints is divided."""
@@ -32,15 +32,15 @@ MIN_INTERVAL_S = 2e-3
 """Minimum initial duration of an interval, s."""
 
 BEND_RATIO = 1.5
-"""Maximum ratio of the motion's distance from the straight line between two waypoints to that of
-the spline, in any joint."""
+"""Maximum distance of the motion from the straight line between two waypoints in any joint, as a
+multiple of the spline's distance from this line."""
 
 MIN_BEND = 0.002
-"""Distance from that line which is always allowed, rad (or m)."""
+"""Distance from this line that is always allowed, rad (or m)."""
 
 NEIGHBOUR_SHARE = 0.25
-"""Maximum tolerance at a waypoint as a fraction of the distance to its neighbours, so that the
-motion passes the waypoints in their order."""
+"""Maximum tolerance at a waypoint, as a fraction of the distance to the nearer adjacent waypoint,
+so that the motion passes the waypoints in their order."""
 
 MAX_INTERVALS = 4000
 """Maximum number of intervals. More would take minutes."""
@@ -96,7 +96,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
 
 
 def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion | None:
-    """Return the first motion of a search that respects all limits, or None."""
+    """Return the first converged motion of a search that can respect all limits, or None."""
     for _ in range(MAX_SEARCH_STEPS):
         if not search.step():
             return None
@@ -108,10 +108,7 @@ def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion 
 
 
 def _bends(path: Path) -> Array:
-    """Return the maximum distance of each segment of a path from its chord, in any joint.
-
-    The result has shape (k,).
-    """
+    """Return each segment's maximum distance from its chord in any joint, shape (k,)."""
     knots = path.knots
     us = knots.u[:-1, None] + np.diff(knots.u)[:, None] * _PLACES
     chords = np.diff(knots.position, axis=0)[:, None]
@@ -136,8 +133,8 @@ def _slowed(
 ) -> JointMotion | None:
     """Return the motion with given jerks, slowed down just enough for the limits.
 
-    Return None if it exceeds a limit even so. jerks: shape (m, n, STEPS), rad/s³. durations: of
-    the m intervals, shape (m,), s.
+    None: it still exceeds a limit. jerks: shape (m, n, STEPS), rad/s³. durations: of the m
+    intervals, shape (m,), s.
     """
     n = len(start)
     steps = np.tile(np.repeat(durations / STEPS, STEPS), (n, 1))

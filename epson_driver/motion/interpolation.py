@@ -32,15 +32,15 @@ _FROM_ENDS = {
         ]
     ),
 }
-"""Matrices from values and derivatives at both ends of a segment to the coefficients of s⁰, s¹ …,
-by the number of coefficients."""
+"""Number of coefficients → matrix from values and derivatives at both ends of a segment to the
+coefficients of s⁰, s¹ …"""
 
 
 _POWERS = np.arange(6)
 _FACTORS = np.array(
     [np.ones(6), _POWERS, _POWERS * (_POWERS - 1), _POWERS * (_POWERS - 1) * (_POWERS - 2)]
 )
-"""Factors of the terms of a quintic's derivatives, one row per order of the derivative."""
+"""Factors of the terms of a quintic's derivatives, one row for each order from 0 to 3."""
 
 _ORDERS = np.arange(3)[:, None]
 """Orders of the derivatives: position, velocity, acceleration."""
@@ -53,7 +53,7 @@ ValueAndSlope = tuple[Array, Array]
 def hermite(start: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
     """Return the coefficients of polynomials from values and derivatives at s = 0 and s = 1.
 
-    start, end: the value and no, one or two derivatives by s, each of shape (…, n). The result has
+    start, end: the value, and zero to two derivatives by s, each of shape (…, n). The result has
     the coefficients of s⁰, s¹ …, and the shape (…, 2, n), (…, 4, n) or (…, 6, n).
     """
     # the distance instead of the end value, so that short segments lose no digits
@@ -64,16 +64,16 @@ def hermite(start: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
 
 
 def polynomial(coefficients: Array, s: Array, order: int = 0) -> Array:
-    """Return values of quintic polynomials or of a derivative of them, shape (m, n).
+    """Return the values of n quintic polynomials, or of a derivative, at s, shape (m, n).
 
-    coefficients: of s⁰ … s⁵, shape (6, n). s: shape (m,). order: of the derivative, 0 to 3.
+    coefficients: of s⁰ … s⁵, shape (6, n). s: shape (m,). order: order of the derivative, 0 to 3.
     """
     powers = s[:, None] ** np.maximum(_POWERS - order, 0)
     return np.asarray((_FACTORS[order] * powers) @ coefficients)
 
 
 def cubic(s: Array, h: Array | float, start: ValueAndSlope, end: ValueAndSlope) -> Array:
-    """Return values of the cubic that has given values and slopes at both ends of a segment.
+    """Return the values at s of the cubic with given values and slopes at both ends of a segment.
 
     s: fraction of the segment, [0, 1]. h: length of the segment. Shapes are broadcast by numpy.
     """
@@ -112,9 +112,9 @@ class Interpolation:
         self._factors = np.vstack([np.ones(len(k)), k, k * (k - 1.0)])
 
     def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Return positions, velocities, accelerations, shapes (…, n), at times, shape (…).
+        """Return positions, velocities, accelerations at times, shapes (…, n).
 
-        The times must be between the first and the last point.
+        times: shape (…), s, between the first and the last point.
         """
         times = np.asarray(times, dtype=float)
         segment = self.times.searchsorted(times, side='right') - 1
@@ -132,7 +132,7 @@ class Interpolation:
 
 
 def central_differences(times: Array, values: Array) -> Array:
-    """Return derivatives of values, shape (k, n), by times, shape (k,), with 0 at both ends."""
+    """Return derivatives of values by times, 0 at both ends, shape (k, n). times: shape (k,)."""
     result = np.zeros_like(values)
     result[1:-1] = (values[2:] - values[:-2]) / (times[2:] - times[:-2])[:, None]
     return result

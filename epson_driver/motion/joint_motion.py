@@ -12,10 +12,11 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import calculated, solve
 
 MAX_ATTEMPTS = 40
-"""Number of targets tried for a stop with reversal. Their distance from the limit doubles."""
+"""Number of target positions that are tried for a stop with reversal. Each is twice as far from
+the position limit as the previous one."""
 
 MIN_REVERSAL = 1e-9
-"""Distance of the first target of a stop with reversal from the position limit, rad."""
+"""Distance of the first of these targets from the position limit, rad."""
 
 STOP_TOLERANCE = 1e-12
 """Excess of a position limit that counts as rounding in a JointStop, rad."""
@@ -24,8 +25,8 @@ STOP_TOLERANCE = 1e-12
 class JointStop:
     """The fastest stop of each joint separately, as a function of the time since its start.
 
-    If this stop would pass a joint's position limit, the joint brakes harder, reverses and returns
-    to rest within the limit. `duration` is in s. `end` are the final positions, shape (n,), rad.
+    A joint whose fastest stop would pass its position limit brakes harder, reverses, and comes to
+    rest within the limit. `duration` is in s. `end` are the final positions, shape (n,), rad.
     """
 
     def __init__(self, trajectories: list[RuckigTrajectory]) -> None:
@@ -52,7 +53,7 @@ class JointStop:
 def stop_joints(
     limits: JointLimits, position: Array, velocity: Array, acceleration: Array
 ) -> JointStop:
-    """Return the stop of joints from a state within the limits, shapes (n,)."""
+    """Return the JointStop from a state within the limits, shapes (n,)."""
     states = zip(position, velocity, acceleration, strict=True)
     return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
 
@@ -131,7 +132,7 @@ class JointMotion:
         self.end: Array = self.states[0, :, -1].copy()
 
     def at(self, time: float) -> State:
-        """Return position, velocity, acceleration at a time, shapes (n,). After the end, rest."""
+        """Return position, velocity, acceleration at a time (rest after the end), shapes (n,)."""
         if time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
@@ -166,7 +167,7 @@ class JointMotion:
         )
 
     def limit_usage(self, limits: JointLimits) -> tuple[float, float, float]:
-        """Return the maximum usage of the velocity, acceleration and jerk limits, 1 if full."""
+        """Return the maximum velocity, acceleration and jerk, as multiples of their limits."""
         _, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
@@ -212,8 +213,8 @@ def _between(times: Array, durations: Array) -> Array:
 def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
     """Return the fastest stop in which all joints end together, within the limits.
 
-    If a joint would leave its position limits, each joint stops separately, as fast as it can. If
-    a joint would leave them even so, it reverses (see JointStop).
+    If a joint would leave its position limits, all joints stop independently, as fast as each can.
+    If a joint would still leave them, it reverses (see JointStop).
     """
     motion = None
     for motion in _stops(limits, state):
@@ -225,7 +226,6 @@ def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
 
 
 def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
-    """Yield possible stops in order of preference."""
     inp = _ruckig_input(limits, state)
     inp.control_interface = ControlInterface.Velocity
     inp.target_velocity = [0.0] * len(limits.names)
@@ -276,7 +276,7 @@ def _solved(inp: InputParameter, state: State) -> JointMotion | None:
 
 
 def motion_of(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
-    """Return Ruckig's trajectories, of all joints or of one joint each, as one motion."""
+    """Return one motion made of Ruckig's trajectory of all joints, or one trajectory per joint."""
     profiles = [profile for trajectory in trajectories for profile in trajectory.profiles[0]]
     durations = [[*profile.brake.t, *profile.t] for profile in profiles]
     jerks = [[*profile.brake.j, *profile.j] for profile in profiles]

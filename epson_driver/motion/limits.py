@@ -58,7 +58,7 @@ class JointLimits:
 
     @cached_property
     def rounding(self) -> Array:
-        """ROUNDING of each joint, shape (n,)."""
+        """ROUNDING for each joint's unit, shape (n,)."""
         return np.array([ROUNDING[unit] for unit in self.units])
 
     def settled(self, positions: Array) -> Array:
@@ -74,9 +74,9 @@ class JointLimits:
     def rad_per_unit(self) -> Array:
         """Factor from each joint's unit to rad, for comparing joints, shape (n,).
 
-        It is 1 for a revolute joint. For a prismatic joint it is the ratio of the velocity limits
-        of the first revolute joint and this joint, rad/m, so that moves of equal duration compare
-        as equal.
+        It is 1 for a revolute joint. For a prismatic joint it is the velocity limit of the first
+        revolute joint divided by the joint's own, rad/m, so that moves that take equally long are
+        equal.
         """
         revolute = [unit == 'rad' for unit in self.units]
         fastest = self.velocity[revolute.index(True)] if any(revolute) else 1.0

@@ -16,7 +16,7 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 LESS_JERK = 1.0 - 1e-9
-"""Factor of the jerk limits for a second attempt, after Ruckig has found no solution."""
+"""Factor of the jerk limits in the second attempt, after Ruckig has found no solution."""
 
 
 def calculated(inp: InputParameter) -> RuckigTrajectory | None:
@@ -45,26 +45,26 @@ def _calculated(inp: InputParameter) -> RuckigTrajectory | None:
 
 
 SHORTEST_MOVE_S = 0.01
-"""Minimum duration of a move as a trajectory, s. A move to the current position takes it."""
+"""Minimum duration of a trajectory, s. A move to the current position takes this long."""
 
 SAMPLE_PERIOD_S = 0.05
 """Time between two points, s, for a controller that interpolates positions and velocities."""
 
 LONGEST_SEGMENT_S = 0.5
-"""Maximum time between two points, s, for other controllers. It is long, because some of them stop
-at each point, and limited, because a point cannot be slowed down after it has been sent."""
+"""Maximum time between two points, s, for other controllers. It is long because some of them stop
+at each point. It is not longer because a point cannot be slowed down after it has been sent."""
 
 MIN_MOVE = 1e-9
-"""Minimum distance of a move in the joint that moves farthest, rad. A shorter move has no
+"""If the joint that moves farthest moves less than this, rad, the move counts as having no
 length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """A move as seven pieces of constant jerk, and the rest after it.
+    """A move as seven pieces of constant jerk, and the rest after it as an eighth piece.
 
-    Arrays of shape (8,): the start times of the pieces, s, and the distance, velocity and
-    acceleration at these times, and the jerk of the pieces.
+    Shapes (8,). times: start of each piece, s. distances, velocities, accelerations: values at
+    these times. jerks: constant jerk of each piece.
     """
 
     times: Array
@@ -75,14 +75,14 @@ class Pieces:
 
 
 SPEED_HALVINGS = 20
-"""Bisection steps to find the speed for a duration. The result is accurate to a millionth."""
+"""Bisection steps in the search for the speed that gives a duration, to a millionth."""
 
 
 class LineMotion:
     """A motion along a line in joint space, as a function of the time since its start.
 
-    `origin`, `direction` and `end` have shape (n,). After the distance s, the joints are at
-    origin + s · direction. `duration` is in s. `go` and `stop` create such motions.
+    At a distance s, the joints are at origin + s · direction. `origin`, `direction` and the final
+    position `end` have shape (n,). `duration` is in s. `go` and `stop` create such motions.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class LineMotion:
 
     @property
     def braking(self) -> float:
-        """Time at which the deceleration of a move from rest to rest starts, s."""
+        """Time at which the deceleration starts, s, for a move from rest to rest."""
         if self._trajectory is None:
             return 0.0
         times = self._trajectory.profiles[0][0].t
@@ -194,7 +194,7 @@ def straight(
     """Return the fastest straight move in joint space from rest to rest, as points.
 
     `speed`, `acceleration`: fractions of the limits, like in `go`. `sampled`: whether the points
-    are for a controller that interpolates positions and velocities. Raises like `go`.
+    are for a controller that interpolates positions and velocities. Raises ValueError like `go`.
     """
     period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
     return go(limits, start, target, speed, acceleration).points(period, with_start=sampled)
@@ -208,7 +208,7 @@ def check_fractions(speed: float, accel: float) -> None:
 
 
 def check_target(target: Array, limits: JointLimits) -> None:
-    """Raise ValueError unless the target is n finite angles within the position limits."""
+    """Raise ValueError unless the target is n finite positions within the position limits."""
     _check_vector('target', target, limits)
     outside = (target < limits.position_min) | (target > limits.position_max)
     if outside.any():
@@ -232,7 +232,7 @@ def go_in(
 ) -> LineMotion:
     """Return a move like `go`, slowed down to take `duration` s.
 
-    It takes longer if `speed` and `accel` require it. Raises like `go`.
+    It takes longer if `speed` and `accel` require this. Raises ValueError like `go`.
     """
     motion = go(limits, start, target, speed, accel)
     low, high = 0.0, speed
@@ -261,7 +261,7 @@ def _bounds_along(
 
 
 def solve(inp: InputParameter) -> RuckigTrajectory:
-    """Return the fastest trajectory of one joint. Raises RuntimeError if none exists."""
+    """Return the trajectory that Ruckig finds. Raises RuntimeError if it finds none."""
     trajectory = calculated(inp)
     if trajectory is None:
         raise RuntimeError(f'ruckig found no trajectory for {inp}')

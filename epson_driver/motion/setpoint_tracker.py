@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows a stream of setpoints smoothly within every limit, each joint independently.
 
-The control law is linear with a triple pole. Position, velocity and acceleration converge to the
-stream like the output of a critically damped filter. The jerk is constant over a step. The
+The control law is linear with a triple pole. Position, velocity and acceleration converge to those
+of the stream like the output of a critically damped filter. The jerk is constant over a step. The
 velocity and acceleration of the stream are fed forward, so a steady motion has no lag.
 
 The limits are respected by another mechanism. Each step starts a complete motion: the constant
-jerk of the step, followed by the fastest stop. The jerk is the law's jerk, reduced or shortened
+jerk of the step, followed by the fastest stop. The jerk of the control law is reduced or shortened
 until this stop stays within the joint's range and the bounds of the stream. The exact extrema of
 the motion are checked before it is accepted. If the check fails, the previous motion continues
 with its stop. Therefore the arm also stops within its limits if the setpoints end.
@@ -22,27 +22,28 @@ from epson_driver.motion.joint_motion import JointMotion, State, fastest_move, f
 from epson_driver.motion.limits import Array, JointLimits
 
 RANGE_MARGIN = 1e-9
-"""Minimum distance of a target from the end of a joint's range, rad or m, because of rounding."""
+"""Distance from the ends of a joint's range to which targets are clipped, rad or m, because of
+rounding."""
 
 ROUNDING = 1e-10
-"""Change of a constant target that does not start another motion, rad or m."""
+"""A smaller change of a constant target does not start another motion, rad or m."""
 
 MIN_SPEED_SHARE = 1e-4
 """Fraction of a joint's velocity limit below which a commanded velocity counts as zero."""
 
 POLE = 25.0
-"""Rate of convergence to the stream, 1/s. The jerk from noise grows with its cube."""
+"""Rate of convergence to the stream, 1/s. The jerk caused by noise grows with its cube."""
 
 VELOCITY_POLE = 40.0
-"""Rate of convergence to a commanded velocity, 1/s. It is faster, because noise of positions has
-no effect."""
+"""Rate of convergence to a commanded velocity, 1/s. It is higher than POLE, because noise of
+positions has no effect."""
 
 BISECTIONS = 12
-"""Bisection steps to find the largest allowed change of the jerk."""
+"""Bisection steps in the search for the allowed jerk, or its duration."""
 
 RETURN_S = 0.3
-"""Maximum time by which an end at the last setpoint may take longer than a plain stop, s. It is
-enough for the return after an overshoot from the fastest streams."""
+"""Maximum time by which a motion to rest at the last setpoint may take longer than a plain stop,
+s. It is enough to return after an overshoot, even after the fastest streams."""
 
 LANDING_SHARE = 0.2
 """Fraction of the acceleration and jerk limits for the final motion to a constant setpoint."""
@@ -54,7 +55,7 @@ LANDING_S = 0.15
 def servo_limits(limits: JointLimits, fraction: float, stop_within: float) -> JointLimits:
     """Return the limits for following setpoints: a fraction (0, 1] of the joint limits.
 
-    Velocities are also limited so that a stop with the full limits takes at most `stop_within` s,
+    Velocities are reduced further if a stop with the full limits would take over `stop_within` s,
     because the controller receives setpoints only this long in advance.
     """
     a, j = limits.acceleration, limits.jerk
@@ -71,7 +72,7 @@ def servo_limits(limits: JointLimits, fraction: float, stop_within: float) -> Jo
 
 
 def stopping_distance(limits: JointLimits, velocity: Array) -> Array:
-    """Return the signed distance of the fastest stop from velocities, shapes (n,)."""
+    """Return the signed distance that the fastest stop takes from each velocity, shape (n,)."""
     speed = np.abs(velocity)
     a, j = limits.acceleration, limits.jerk
     time = np.where(speed <= a * a / j, 2.0 * np.sqrt(speed / j), speed / a + a / j)
@@ -87,8 +88,8 @@ _State = tuple[float, float, float]
 class ServoTarget:
     """State of the stream at the end of a step, and bounds of the motion, shapes (n,).
 
-    A joint that can still stop before `low` or `high` does not pass it. A target beyond a joint's
-    range is clipped.
+    low, high: bounds of the positions, which a joint does not pass if it can still stop before
+    them. A target beyond a joint's range is clipped.
     """
 
     position: Array
@@ -112,9 +113,9 @@ class ServoTarget:
 class SetpointTracker:
     """The motion of n joints that follow setpoints, from rest at `position`, shape (n,), rad or m.
 
-    `follow`, `move` and `brake` set the motion of the next step. Only `step` advances time.
-    Without a further call to them, the motion ends at rest. Raises ValueError if `position` is
-    invalid or outside the range.
+    `follow`, `move` and `brake` set the motion of the next step. If none of them is called again,
+    the motion ends at rest. Only `step` advances time. Raises ValueError if `position` is invalid
+    or outside the range.
     """
 
     def __init__(self, limits: JointLimits, position: Array) -> None:
@@ -135,7 +136,7 @@ class SetpointTracker:
         rest = np.zeros_like(start)
         none = np.zeros((len(start), 1))
         self.motion = JointMotion((start, rest, rest), none, none)
-        """The motion that is executed. It started `time` s ago."""
+        """The executed motion, which started `time` s ago."""
         self.time = 0.0
         self._final = True
         """Whether the motion is final: a stop, or a motion to a constant setpoint."""
@@ -161,7 +162,7 @@ class SetpointTracker:
         return self.state
 
     def follow(self, dt: float, aim: ServoTarget, speed: float | Array = 1.0) -> None:
-        """Follow the stream, whose state after the next step is `aim`.
+        """Follow the stream, whose state at the end of the next step is `aim`.
 
         `dt`: duration of the step, > 0 s. `speed`: fraction (0, 1] of the velocity limits, for all
         joints or for each, shape (n,).
@@ -210,8 +211,8 @@ class SetpointTracker:
     def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
         """Come to rest, at `target`, shape (n,), if possible.
 
-        Without a target, or if a plain stop is faster by over RETURN_S, stop as fast as possible.
-        `speed`: fraction (0, 1] of the velocity limits for the motion to the target.
+        Stop as fast as possible instead if there is no target, or if this takes over RETURN_S
+        less. `speed`: fraction (0, 1] of the velocity limits for the motion to the target.
         """
         if self._final:
             return
@@ -228,7 +229,7 @@ class SetpointTracker:
     def _moves_to_constant(self, target: Array, aim: ServoTarget) -> bool:
         """Start the final motion to a constant target, if it is short and within the bounds.
 
-        Return whether the joints are at the target or on this motion.
+        Return whether the joints are at the target or execute a motion to it.
         """
         if self._final and float(np.abs(target - self.motion.end).max()) < ROUNDING:
             return True
@@ -274,7 +275,7 @@ class SetpointTracker:
 
 
 def _towards(target: Array, state: State, dt: float) -> Array:
-    """Return jerks, shape (n,), with which the velocities converge to `wanted` in a step."""
+    """Return jerks with which the velocities converge to `target` in a step, shapes (n,)."""
     _, velocity, acceleration = state
     fraction = -math.expm1(-VELOCITY_POLE * dt)
     jerk: Array = -(
@@ -330,7 +331,7 @@ class _Joint:
         return jerk, short
 
     def _respects(self, time: float, jerk: float, state: _State, low: float, high: float) -> bool:
-        """Return whether `time` s of a jerk, and the stop after it, respect all limits.
+        """Return whether `time` s with a constant jerk, and the stop after it, respect all limits.
 
         low, high: bounds of the position.
         """

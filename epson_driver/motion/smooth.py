@@ -29,10 +29,10 @@ def smooth(
 ) -> Trajectory:
     """Return a smooth motion from rest to rest through waypoints, one point every `period` s.
 
-    waypoints: shape (k, n), rad (or m), in the order of the joints of the limits. times: commanded
-    time of each waypoint, shape (k,), s, which is respected where the limits allow it. With None,
+    waypoints: shape (k, n), rad (or m), with the joints in the order of the limits. times:
+    commanded time of each waypoint, shape (k,), s, respected where the limits allow it. With None,
     the motion is as fast as the limits allow. The other arguments are those of `smoothed`. Raises
-    ValueError if the waypoints cannot be smoothed.
+    ValueError if an argument is invalid or the motion would exceed a limit.
     """
     from epson_driver.motion.smoothed import smoothed  # most programs need no smoother
     from epson_driver.motion.smoother import Mode, plan

@@ -19,11 +19,11 @@ from epson_driver.motion.smoother.waypoints import MIN_DWELL_S, MIN_MOVE, Waypoi
 from epson_driver.motion.trajectory import Trajectory
 
 MIN_TOLERANCE = 2.0 * MERGE_TOLERANCE
-"""Minimum tolerance of `denoised`, rad (or m). Half of it is needed because the smoother merges
-points that are close together."""
+"""Minimum tolerance of `denoised`, rad (or m). Half of it is reserved for the smoother, which
+merges points that are close together."""
 
 STIFFNESS = 1e3
-"""Weight of the acceleration relative to the deviations. It removes noise over about 20 points."""
+"""Weight of the accelerations relative to the deviations. It averages about 20 points."""
 
 FIXED_WEIGHT = 1e12
 """Weight of a point that must not move, and maximum of all weights."""
@@ -32,7 +32,7 @@ MAX_ROUNDS = 40
 """Maximum number of increases of the weights."""
 
 MIN_GROWTH_RATIO = 1.2
-"""Square root of the minimum factor by which a weight increases."""
+"""A weight increases at least by the square of this factor."""
 
 
 def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
@@ -69,7 +69,7 @@ def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> T
 
 
 def _bending(gaps: Array) -> tuple[Array, Array, Array]:
-    """Return the main and two upper diagonals of the matrix of STIFFNESS times the integral.
+    """Return the main and two upper diagonals of the matrix M of STIFFNESS · ∫ p̈² dt = pᵀ M p.
 
     gaps: times between two points, in units of the mean, shape (k,).
     """
@@ -111,7 +111,7 @@ def _joint(
 
 
 MAX_STEP_S = 0.004
-"""Maximum step of the smoother, s. It plans between two steps."""
+"""Maximum step of the smoother, s, because it plans only between steps."""
 
 MIN_SEGMENTS = 2
 """Minimum number of segments for `fastest`. The smoother is already optimal for one segment."""
@@ -144,9 +144,10 @@ def smoothed(
 
     * `mode`: TIME_OPTIMAL ignores the times of the points. TIME_PRESERVING respects them where the
       limits allow it.
-    * `look_ahead`: the smoother receives further points while it has less than this time, s.
-    * `refine`: with TIME_OPTIMAL and infinite look-ahead, return the motion of `fastest` if one is
-      found. Otherwise the motion is the fastest one on the smoother's spline.
+    * `look_ahead`: the smoother receives more points while its known motion is shorter than this,
+      s.
+    * `refine`: with TIME_OPTIMAL and infinite look-ahead, return the motion of `fastest` if it
+      finds one. Otherwise the motion follows the smoother's spline.
     * `path_tolerance`: maximum deviation from each point except the ends, rad (or m). It is used
       by `fastest`, and with TIME_PRESERVING and infinite look-ahead by `denoised`.
     * `planner`, `catch_up`, `observer`: passed to `Smoother`.
@@ -225,7 +226,7 @@ def _sampled(motion: JointMotion, limits: JointLimits, period: float) -> Traject
 def _of_samples(
     limits: JointLimits, start: float, period: float, samples: Sequence[tuple[Array, ...]]
 ) -> Trajectory:
-    """Return a trajectory from states, one every `period` s. start: time of the first one, s."""
+    """Return a trajectory from states, one every `period` s. start: time of the first state, s."""
     columns = (np.array(column) for column in zip(*samples, strict=True))
     times = np.asarray(start + period * np.arange(len(samples)))
     return Trajectory(limits.names, times, *columns)
@@ -234,7 +235,7 @@ def _of_samples(
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
     """Return every `parts`-th point of a motion with evenly spaced points.
 
-    If that omits the last point, its position is added, as the next point of the result.
+    If this omits the last point, it is added one period of the result later.
     """
     count = len(trajectory.times)
     chosen = np.arange(0, count + parts - 1, parts)
@@ -255,7 +256,7 @@ def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf
 
     The points have velocities. A point that repeats the previous one is omitted. Between points
     more than `longest` s apart, points of the motion are inserted. The motion is on the smoother's
-    spline. Raises like `smoothed`.
+    spline. Raises the errors of `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     times, positions = _own_points(trajectory, motion)
@@ -281,9 +282,9 @@ def thinned(
     """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
     The points are `spacing` to twice `spacing` s apart. They are points of the trajectory, and
-    points of the motion where the former are too far apart. They are closer where a segment would
+    points of the motion where those are too far apart. They are closer where a segment would
     deviate by more than `deviation`, rad (or m), from the motion in a joint. The last two may also
-    be closer. `mode` and `refine` are those of `smoothed`. Raises like `smoothed`.
+    be closer. `mode` and `refine` are those of `smoothed`. Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
@@ -316,9 +317,10 @@ def thinned(
 def _segment_ends(
     motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the end times, s, of the straight pieces into which a motion segment is divided.
+    """Yield the end times, s, of the straight pieces into which part of a motion is divided.
 
-    No part deviates from the motion by more than `deviation`. `segment`: its start and end, s.
+    No piece deviates from the motion by more than `deviation`. segment: start and end of the part,
+    s.
     """
     start, end = segment
     inside = motion.positions[(motion.times > start) & (motion.times < end)]
@@ -332,7 +334,7 @@ def _segment_ends(
 
 
 def _off_line(positions: Array, first: Array, last: Array) -> float:
-    """Return the largest distance of positions, shape (k, n), from a line segment in any joint."""
+    """Return the largest distance in any joint of positions, (k, n), from a line segment."""
     along = last - first
     square = float(along @ along)
     offsets = positions - first
@@ -343,9 +345,9 @@ def _off_line(positions: Array, first: Array, last: Array) -> float:
 
 
 def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:
-    """Return the times at which a motion passes a trajectory's points, s, and the points.
+    """Return the times at which a motion passes a trajectory's points, s, and these points.
 
-    Points that repeat the previous point, or are not passed after it, are omitted.
+    A point is omitted if it repeats the previous point, or is not passed after it.
     """
     positions = trajectory.in_order(motion.joint_names).positions
     apart = np.abs(np.diff(positions, axis=0)).max(axis=1) >= MERGE_TOLERANCE
@@ -359,9 +361,6 @@ def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Arra
 
 
 def _at(times: Array, sampled: Array, values: Array | None) -> Array:
-    """Return values interpolated linearly at `times`, shape (m, n).
-
-    sampled, values: times and values of a motion, shapes (k,) and (k, n).
-    """
+    """Return `values`, (k, n), of the times `sampled`, (k,), interpolated at `times`, (m, n)."""
     assert values is not None  # noqa: S101 - for the type checker
     return np.stack([np.interp(times, sampled, column) for column in values.T], axis=1)

@@ -13,14 +13,14 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Excess of a limit that counts as rounding, relative to its range. Many plans use the limits
-fully."""
+"""Excess of a limit that counts as rounding, as a fraction of the range from low to high limit.
+Many plans use the limits fully."""
 
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
-"""Two turns, 12.6 rad. Positions beyond the limits that include a larger angle may be degrees."""
+"""Two turns. If an angle exceeds its limit and this, the positions may be in degrees."""
 
 BLOCK_POINTS = 2048
-"""Points that are checked together, so that the memory does not grow with the trajectory."""
+"""Number of points checked together, so that the memory does not grow with the trajectory."""
 
 MAX_DURATION_S = 86_400.0
 """Maximum duration of an accepted trajectory, s."""
@@ -31,7 +31,7 @@ MAX_POINTS = 100_000
 Mask = npt.NDArray[np.bool_]
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
-"""Suffix of the unit, after rad or m, by quantity."""
+"""Quantity → suffix of its unit after rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ def problems(
     """Yield a sentence for every reason not to execute a trajectory.
 
     The joints must be in the order of the limits. A sentence names the point (counted from 0), the
-    joint, the value and the limit. If positions seem to be in degrees, only one is reported.
+    joint, the value and the limit. If positions seem to be in degrees, only the first is reported.
     `too_fast`: also check the mean speed of each segment. Accelerations must be finite, but are
     not checked against a limit, because the executed motion is smoothed.
     """
@@ -117,8 +117,8 @@ def problems(
 def _like_degrees(positions: Array, limits: JointLimits) -> bool:
     """Return whether the angles of positions seem to be in degrees.
 
-    This is so if all are within the limits as degrees, and one that is beyond its limit as rad
-    also exceeds MAX_USUAL_ANGLE_RAD.
+    They do if all angles are within the limits when read as degrees, and an angle that exceeds its
+    limit when read as rad also exceeds MAX_USUAL_ANGLE_RAD.
     """
     turning = np.array([unit == 'rad' for unit in limits.units])
     angles = positions[:, turning]
@@ -148,9 +148,9 @@ def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
 
 
 def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int]]:
-    """Yield the point and joint of each True of a mask.
+    """Yield the indices of point and joint of each True in a mask.
 
-    `mask` returns the mask of a slice of the `count` points, with one column per joint.
+    `mask` returns the part of the mask for a slice of the `count` points, one column per joint.
     """
     for first in range(0, count, BLOCK_POINTS):
         result = mask(slice(first, min(first + BLOCK_POINTS, count)))

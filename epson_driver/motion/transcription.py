@@ -6,20 +6,22 @@ Knots are the waypoints and points between them. Each of the m intervals between
 STEPS steps of constant jerk and equal duration. Nodes are the ends of the steps. The chord is the
 straight line between two waypoints.
 
-The unknowns are the state of each joint at the knots, the jerks, the duration h of each interval,
-and for each node a place on the chord. The sum of all h is minimised, subject to
+The unknowns are the state (position, velocity, acceleration) of each joint at the knots, the
+jerks, the duration h of each interval, and for each node a place on the chord (a fraction of it).
+The sum of all h is minimised, subject to
 
     state at the next knot = state at this knot, integrated with the jerks
     |jerk| ≤ J in each step, |acceleration| ≤ A at each node, |velocity| ≤ V
     |position - place on the chord| ≤ bend at each node, in each joint
 
-The inequalities are called rows. The equations are linearised and used to eliminate the jerks,
-except combinations of jerks without effect on the next knot (neutral jerks). Primal and dual
-variables have separate step lengths (Nocedal, Wright: Numerical Optimization, 2006, chapter 19).
-The unknowns of a single interval are eliminated within it, joint by joint. This leaves a
-block-tridiagonal system with the states at one knot and one h per block.
+J, A and V are the limits of the joint. The inequalities are called rows. The equations are
+linearised and used to eliminate the jerks, except combinations of jerks without effect on the next
+knot (neutral jerks). Primal and dual variables have separate step lengths (Nocedal, Wright:
+Numerical Optimization, 2006, chapter 19). The unknowns of a single interval are eliminated within
+it, joint by joint. This leaves a block-tridiagonal system with the states at one knot and one h
+per block.
 
-Positions of a joint are divided by its velocity limit, so that V is 1.
+The solver divides the positions of a joint by its velocity limit, so that V is 1.
 """
 
 from dataclasses import dataclass
@@ -43,11 +45,11 @@ GAP = 1e-2
 """Tolerance for convergence: the fraction of the duration that could still be saved."""
 
 ROW_TOLERANCE = 2e-3
-"""Tolerance for convergence: the relative excess of a limit."""
+"""Tolerance for convergence: the relative excess of a row over its bound."""
 
 STATE_TOLERANCE = 1e-2
-"""Tolerance for convergence: the jerk that would correct the error of a state, as a fraction of
-the limit."""
+"""Tolerance for convergence: the jerk that would correct a defect (see `_integrate`), as a
+fraction of the jerk limit."""
 
 MAX_CHANGE = 0.3
 """Maximum relative change of a duration in one iteration."""
@@ -59,26 +61,27 @@ PLACE_STIFFNESS = 1e-4
 """Cost of changing the places on the chord, which may have no effect on the duration."""
 
 LIMIT_MARGIN = 1e-6
-"""Scaled distance of a waypoint from a position limit, s, below which the joint rests there."""
+"""Distance of a waypoint from a position limit, divided by the velocity limit, s, below which the
+joint has no velocity there."""
 
 _EPSILON = 1e-6
 """Weight of a small cost of all changes, which makes the systems solvable."""
 
 _FREE = 1e3
-"""Width of a row's range that makes the row inactive."""
+"""Half the width of a row's range, so large that the row has no effect."""
 
 _PLACE = 7
-"""Index of the first place among a joint's unknowns in an interval, after the states at both knots
-and h."""
+"""Index of the first place among a joint's unknowns in an interval. The states at both knots and h
+are before it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Constraints of m intervals of n joints, in rad (or m).
 
-    start, chord: start and direction of each interval's chord, shape (m, n). bend: maximum
-    distance from the chord, shape (m,). tolerance: maximum distance of a knot from its initial
-    position, shape (m + 1,), np.inf at knots that are no waypoints.
+    start, chord: start of each interval's chord, and the vector to its end, shape (m, n). bend:
+    maximum distance from the chord, shape (m,). tolerance: maximum distance of a knot from its
+    initial position, shape (m + 1,), np.inf at knots that are no waypoints.
     """
 
     limits: JointLimits
@@ -91,13 +94,17 @@ class Problem:
 class _Nodes:
     """Linear map from the state at the start of an interval, and its jerks, to its rows.
 
-    The coefficients are for h = 1. For another h, each is multiplied by h to the power of its
-    exponent. The rows are, in this order: the accelerations at the inner nodes, the inner
-    Bernstein coefficient of the velocity in each step, the positions at all nodes except the
-    first, if `bounded` both inner Bernstein coefficients of the position in each step, and the
-    state at the last node. A polynomial is within the range of its Bernstein coefficients.
+    The coefficients (`by_state`, `by_jerk`) are for h = 1. For another h, each is multiplied by h
+    to the power of its exponent. The rows are, in this order:
 
-    bounded: whether the position limits are near.
+    * the accelerations at the inner nodes,
+    * the inner Bernstein coefficient of the velocity in each step,
+    * the positions at all nodes except the first,
+    * both inner Bernstein coefficients of the position in each step, if `bounded`, which means
+      that the position limits are near,
+    * the state at the last node.
+
+    A polynomial is within the range of its Bernstein coefficients.
     """
 
     def __init__(self, bounded: bool) -> None:
@@ -218,7 +225,7 @@ class Search:
     def _integrate(self) -> None:
         """Integrate the jerks. Set the states at the nodes, and the defects at the knots.
 
-        A defect is the integrated state minus the state of the knot.
+        A defect is the integrated state minus the unknown for the state at this knot.
         """
         nodes, h = self._nodes, self._h[:, None, None]
         self._by_state = nodes.by_state * h**nodes.state_exponents
@@ -237,7 +244,7 @@ class Search:
         return along.clip(0.02, 0.98)
 
     def _rows(self) -> Array:
-        """Return the rows, which must all be within ± 1."""
+        """Return the values of all rows, scaled so that each must be within ± 1."""
         nodes = self._nodes
         rows = np.concatenate([self._jerks, self._states[:, :, : nodes.count]], axis=2)
         rows[:, :, nodes.positions] -= (
@@ -303,18 +310,12 @@ class Search:
         return True
 
     def _inverse(self) -> Array:
-        """Return the map from changes of the final states to the smallest jerks that cause them.
-
-        Its shape is (m, STEPS, 3).
-        """
+        """Return the map from final-state changes to their smallest jerks, shape (m, STEPS, 3)."""
         powers: Array = self._h[:, None, None] ** -np.array([3.0, 2.0, 1.0])
         return self._nodes.inverse * powers
 
     def _by_unknowns(self) -> tuple[Array, Array]:
-        """Return the derivatives of the jerks by the unknowns, and the corrections of the jerks.
-
-        The corrections remove the defects.
-        """
+        """Return the jerks' derivatives by the unknowns, and corrections to remove the defects."""
         m, n = self._size
         end, inverse, neutral = (
             slice(self._nodes.count, None),
@@ -329,7 +330,7 @@ class Search:
         return jerks, -self._defects @ _transposed(inverse)
 
     def _tangents(self, jerks: Array, corrections: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the rows by the unknowns, and their change by corrections.
+        """Return the derivatives of the rows by the unknowns, and the rows' change by corrections.
 
         jerks, corrections: the results of `_by_unknowns`.
         """
@@ -400,10 +401,7 @@ class Search:
     def _solve_knots(
         self, systems: Array, right_sides: Array, weights: Array, forces: Array
     ) -> Array | None:
-        """Return the change of the states at the knots and of h, shape (m + 1, 3 n + 1).
-
-        Return None if it is not finite.
-        """
+        """Return the change of the knots' states and of h, (m + 1, 3 n + 1). None: not finite."""
         (m, n), states = self._size, self._at_knot
         size, of_h = 3 * n + 1, 3 * n
         diagonal, right = np.zeros((m + 1, size, size)), np.zeros((m + 1, size))
@@ -430,8 +428,8 @@ class Search:
     ) -> None:
         """Advance along a Newton step as far as the slacks, the duals and the durations allow.
 
-        rows: before the step. of_rows: their change by the whole step. change: of the knots, the
-        durations, the jerks and the places.
+        rows: the rows before the step. of_rows: their change by the whole step. change: the
+        changes of the states at the knots, the durations, the jerks and the places.
         """
         slack, dual = self._slack, self._dual
         d_slack = np.stack([1.0 - rows - of_rows, 1.0 + rows + of_rows]) - slack
@@ -463,5 +461,4 @@ def _longest(values: Array, changes: Array) -> float:
 
 
 def _transposed(matrices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the transpose of each matrix."""
     return matrices.swapaxes(-1, -2)

@@ -36,11 +36,11 @@ SOLD_AS = {
     't6': ['t6_602s'],
     'vt6l': ['vt6_a901s'],
 }
-"""Models by the name under which they are sold, without generation and mounting."""
+"""Name under which an arm is sold, without generation and mounting → its models."""
 
 
 class Layer(NamedTuple):
-    """Values of one file, or of one entry in it, for a model. where: the keys of that entry."""
+    """Values for a model from a whole file, or from one entry in it, whose keys are `where`."""
 
     path: Path
     where: tuple[str, ...]
@@ -57,8 +57,8 @@ def model_name(name: str) -> str:
 
     EPSON's spelling C4-A601S is accepted, also without the hyphen or without the S of the standard
     form, an abbreviation that matches only one model, and the name under which an arm is sold.
-    Raises InputError, which suggests similar names, or lists the missing data of an EPSON arm
-    without a model.
+    Raises InputError if no model matches. The error suggests similar names, or lists the missing
+    data of an EPSON arm without a model.
     """
     if name.endswith('.yaml'):
         return name
@@ -82,7 +82,7 @@ def model_name(name: str) -> str:
 
 
 def layers(name: str) -> list[Layer]:
-    """Return a model's layers, each overriding the previous ones. Names as for `model_name`."""
+    """Return a model's layers. Each overrides the previous ones. name: as for `model_name`."""
     name = model_name(name)
     if name.endswith('.yaml'):
         path = Path(name)
@@ -105,10 +105,7 @@ def layers(name: str) -> list[Layer]:
 
 @cache
 def _models() -> dict[str, tuple[Layer, Layer]]:
-    """Return the layers of the series and of the model, by the name of the model, sorted.
-
-    The files are read once in a process.
-    """
+    """Return each model's name → the layers of its series and of the model, sorted by name."""
     result: dict[str, tuple[Layer, Layer]] = {}
     for path in share_path('config', 'robots').glob('*.yaml'):
         series = dict(_mapping(path, 'the file', read_yaml(path)))

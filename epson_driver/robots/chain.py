@@ -15,10 +15,10 @@ from epson_driver.motion import Array
 REVOLUTE, PRISMATIC = JOINT_TYPES = ('revolute', 'prismatic')
 
 UNITS = {REVOLUTE: 'rad', PRISMATIC: 'm'}
-"""SI unit of a joint's position."""
+"""Joint type → SI unit of the joint's position."""
 
 SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
-"""By SI unit: the unit in which EPSON shows a position, and how many of it are one SI unit."""
+"""SI unit → unit in which EPSON shows a position, and the factor from the SI unit to it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ SAME_SOLUTION_RAD = 1e-5
 """Solutions closer than this in all joints are merged. A stretched arm has such pairs."""
 
 GIMBAL_LOCK_RAD = 1e-6
-"""V closer than this to ±π/2 is treated as ±π/2."""
+"""If EPSON's angle V is closer than this to ±π/2, it is treated as ±π/2."""
 
 
 class Solver(Protocol):
@@ -122,16 +122,17 @@ class Kinematics:
         return np.array(result).reshape(-1, len(near))
 
     def why_unreachable(self, pose: Array) -> str:
-        """Return why the tool cannot have a pose's orientation, or ''. Raises as `inverse`."""
+        """Return why a pose's orientation is unreachable, or ''. Raises errors like `inverse`."""
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:
         """Return a number for each choice of configuration, such as elbow up or down.
 
-        Its sign is the choice. It is 0 where both choices meet.
+        The sign of a number is the choice. The number is 0 where both choices meet.
 
         SCARA: joint 2, rad. Six-axis arm: distance of the wrist in front of joint 1's axis, m, and
-        bends of the elbow (upwards) and wrist, rad. Raises KinematicsError.
+        bends of the elbow (upwards) and wrist, rad. Raises KinematicsError if the arm has no
+        closed-form inverse kinematics.
         """
         return self._solver.sides(self._checked(joints))
 
@@ -159,7 +160,7 @@ class Kinematics:
         return np.asarray(pose @ self._from_tool)
 
     def _turns(self, branch: Array) -> list[Array]:
-        """Return a solution with every full turn of each joint that fits its range."""
+        """Return a solution's variants by full turns of its joints, as far as the ranges allow."""
         limits = self.model.limits
         choices = []
         kinds = self.model.joint_types
@@ -224,14 +225,14 @@ POSES = 2000
 """Number of random poses over the joint ranges that represent the workspace."""
 
 USUAL = 0.8
-"""MoveIt Servo slows the arm if the condition exceeds this quantile of the random poses."""
+"""MoveIt Servo slows the arm if the condition number exceeds this quantile of these poses."""
 
 NEARLY_ALL = 0.95
-"""MoveIt Servo halts the arm if the condition exceeds this quantile of the random poses."""
+"""MoveIt Servo halts the arm if the condition number exceeds this quantile of these poses."""
 
 
 def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
-    """Return the conditions beyond which MoveIt Servo slows the arm, and halts it."""
+    """Return the condition numbers of the Jacobian above which MoveIt Servo slows and halts."""
     limits = model.limits
     random = np.random.default_rng(0)
     shape = (POSES, len(limits.names))
@@ -241,11 +242,11 @@ def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
 
 
 def conditions(model: RobotModel, joints: Array) -> Array:
-    """Return the condition of tool0's Jacobian, shape (k,), at joints of shape (k, n), rad or m.
+    """Return the condition numbers of tool0's Jacobian at joints of shape (k, n), shape (k,).
 
-    It is the ratio of the largest to the smallest singular value, in m and rad like MoveIt's, and
-    inf in a singularity. It mixes m and rad, so it depends on the size of the arm, and each model
-    needs its own thresholds.
+    The condition number is the ratio of the largest to the smallest singular value, inf in a
+    singularity. Like MoveIt's, it mixes m and rad, so it depends on the size of the arm, and each
+    model needs its own thresholds.
     """
     chain, count = model.chain, len(joints)
     turns = np.broadcast_to(np.eye(3), (count, 3, 3))

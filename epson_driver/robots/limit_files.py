@@ -17,7 +17,7 @@ MOVABLE = {'revolute': 'rad', 'continuous': 'rad', 'prismatic': 'm'}
 """Types of movable joints in a URDF, and their units."""
 
 ENDLESS = 1e4
-"""Range of a continuous joint, rad, because JointLimits allows no infinite range."""
+"""Position limit of a continuous joint, ± rad, because JointLimits allows no infinite one."""
 
 _SIZE = number(-1e9, 1e9)
 NUMBER = Rule(lambda value: _SIZE.read(decimal(str(value).strip())), _SIZE.text)
@@ -29,14 +29,14 @@ OF_MOVEIT = {
     'acceleration': ('max_acceleration', 'max_deceleration'),
     'jerk': ('max_jerk',),
 }
-"""Keys of joint_limits.yaml that limit a quantity. The smallest value applies."""
+"""Quantity → keys of joint_limits.yaml that limit it. The smallest value applies."""
 
 Rows = dict[str, dict[str, Any]]
-"""Known limits of each joint: quantities in SI, and its `unit`."""
+"""Joint → its known limits: quantity → value in SI units, and its `unit`, rad or m."""
 
 
 def urdf_limits(text: str) -> Rows:
-    """Return the limits of a URDF's movable joints. Raises InputError."""
+    """Return the limits of a URDF's movable joints. Raises InputError if the text is invalid."""
     try:
         joints = ElementTree.fromstring(text).findall('joint')  # noqa: S314 - expat bounds it
     except ElementTree.ParseError as error:
@@ -65,7 +65,7 @@ def urdf_limits(text: str) -> Rows:
 def file_limits(name: str) -> Rows:
     """Return the limits of MoveIt's joint_limits.yaml, or of a robot model of this package.
 
-    name: a path to either, or a model's name. Raises InputError.
+    name: a path to either, or a model's name. Raises InputError if the file is invalid or missing.
     """
     if name.endswith('.yaml'):
         values = read_yaml(Path(name))

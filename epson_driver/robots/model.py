@@ -56,7 +56,8 @@ UNIT_TOLERANCE = 1e-9
 """Tolerance of the length of an axis vector, which must be 1."""
 
 MAX_IN_RADIANS = 26.0
-"""Range in degrees below which it is probably in radians (26 rad are four turns)."""
+"""If no joint can turn by this much, degrees, the ranges are probably in rad (26 rad are four
+turns)."""
 
 LEAST_LENGTH_M = 0.02
 """Minimum sum of all lengths of a chain. Shorter chains are probably in m, not in mm."""
@@ -131,9 +132,9 @@ class RobotModel:
         return float(rule.checked(payload, field))
 
     def for_folding_arm(self, joints: Sequence[float]) -> Array:
-        """Convert joints of a six-axis arm that is upright at zero, shape (6,), rad, to this arm.
+        """Convert joint positions of a six-axis arm upright at zero, (6,), rad, to this arm.
 
-        At the zero of a folding arm its upper arm points backwards, and its forearm forwards.
+        At zero, the upper arm of a folding arm points backwards, and its forearm forwards.
         """
         x, _, z = self.chain.origins[2]
         lean = float(np.arctan2(x, abs(z)))
@@ -164,7 +165,8 @@ class RobotModel:
 def load_robot_model(name: str) -> RobotModel:
     """Read a model of config/robots/, or the file itself if `name` is a path to a .yaml file.
 
-    `model_name` lists the accepted names. Raises InputError, with similar names.
+    `model_name` lists the accepted names. Raises InputError if the name is unknown, with similar
+    names, or if the data are invalid.
     """
     name = model_name(name)
     made_of = layers(name)
@@ -196,7 +198,7 @@ QUANTITIES = (
     *('range', 'speed', 'acceleration', 'jerk', 'pulses'),
     *('origins', 'heights', 'tool0', 'world', 'payload', 'mass'),
 )
-"""Quantities that have a source, by their keys without units. `heights`: the heights in
+"""Quantities that have a source: their keys without the units. `heights`: the heights in
 `origins_mm`, if they have another source."""
 
 OTHER_KEYS = (
@@ -207,7 +209,7 @@ OTHER_KEYS = (
 
 
 def _keys(types: tuple[str, ...]) -> dict[str, str]:
-    """Return the keys of joint values with their units: degrees, or degrees and mm."""
+    """Return quantity → key of its joint values, which ends with the units of these joints."""
     mixed = PRISMATIC in types
     shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
     return {
@@ -220,7 +222,7 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
-    """Convert joint values from degrees and mm to rad and m, shape (n, …), as urdf/ does."""
+    """Convert joint values, shape (n, …), from degrees and mm to rad and m, like urdf/."""
     turns = np.array([item != PRISMATIC for item in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 

@@ -6,9 +6,10 @@ The closed form is from M. Brandstötter, A. Angerer and M. Hofbaur: An Analytic
 Inverse Kinematics Problem of Industrial Serial Manipulators with an Ortho-parallel Basis and a
 Spherical Wrist, 2014.
 
-Its seven lengths are computed from the chain, so a model file contains each length once. In the
-OPW pose, all angles 0, the arm is upright and the tool frame is parallel to base_link. The model's
-zero pose differs from it by the offsets: angle = sign · joint - offset.
+The seven lengths of the closed form are computed from the chain, so a model file contains each
+length once. With all angles of the closed form 0, the arm is upright and the tool frame is
+parallel to base_link. The joints of the model differ by sign and offset: angle = sign · joint -
+offset.
 """
 
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ TOLERANCE = 1e-9
 
 STRAIGHT_WRIST_RAD = 2e-6
 """If joint 5 is closer to 0 than this, joints 4 and 6 are treated as collinear, so that only their
-sum matters. The error of the solution is no larger."""
+sum matters. The error of the solution is at most this angle."""
 
 ROUNDING = 1e-12
 """Relative tolerance at the edge of the reach, for rounding."""
@@ -55,7 +56,7 @@ class OpwParameters:
 
 
 def opw_parameters(model: RobotModel) -> OpwParameters:
-    """Return the OPW lengths of a model. Raises KinematicsError if it is unsuitable."""
+    """Return a model's parameters. Raises KinematicsError if there is no closed form for it."""
     _check_joints(model)
     axes = model.chain.axes
     origins = np.cumsum(model.chain.origins, axis=0)
@@ -151,9 +152,9 @@ class OpwSolver:
         return ''
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return the distance of the wrist in front, m, and the bends of elbow and wrist, rad.
+        """Return the wrist's distance in front of joint 1's axis, m, and two bends, rad.
 
-        For a hanging arm, they are the bends of an upright arm with these joints.
+        They are the bends of elbow and wrist, for a hanging arm with the signs of an upright arm.
         """
         _, second, third, _, fifth, _ = (self._signs * joints - self._offsets).tolist()
         a1, a2, _, c1, c2, c3, _ = self._lengths.values()
@@ -163,7 +164,7 @@ class OpwSolver:
         return front, upright * copysign(bend, bend * front), upright * fifth
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return up to eight existing solutions, regardless of the joint limits.
+        """Return all solutions, up to eight, regardless of the joint limits.
 
         At the edge of the arm's reach, solutions are duplicated. Joint 4 is as in `near` for a
         straight wrist, and joint 1 is as in `near` if the wrist is on joint 1's axis.

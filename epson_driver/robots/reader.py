@@ -21,8 +21,8 @@ from epson_driver.motion import Array
 from epson_driver.robots.catalogue import Layer
 
 MARKS = ('confirmed', 'one source', 'derived', 'estimated')
-"""Confidence of a number, best first: confirmed by EPSON for this model or by two sources, from
-one source, computed from such numbers or taken from a sister model, or a proxy or a guess."""
+"""Confidence of a number, best first. confirmed: by EPSON for this model, or by two sources.
+derived: computed from such numbers, or from a sister model. estimated: a proxy or a guess."""
 
 Range = tuple[float, float, str]
 """Smallest and largest value, and their unit."""
@@ -67,7 +67,7 @@ class Reader:
         return self._error(layer, (key,), f'{key} = {shown(value)}: {rule}')
 
     def check_keys(self, known: Sequence[str]) -> None:
-        """Raise InputError for a key that is unknown for a model of this build."""
+        """Raise InputError if the model has a key that is not in `known`."""
         for key, layer in self._from.items():
             if key in known:
                 continue
@@ -94,7 +94,7 @@ class Reader:
         return quantity in self._sources
 
     def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
-        """Return the value of a key, or `otherwise`. A key without a default is required."""
+        """Return the value of a key, or `otherwise`. Raises InputError if both are missing."""
         if key not in self._from:
             if otherwise is not None:
                 return otherwise

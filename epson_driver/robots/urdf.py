@@ -25,9 +25,9 @@ from epson_driver.share import share_path
 
 
 def cached(made_of: Iterable[bytes], make: Callable[[], str]) -> str:
-    """Return the text that `make` generates from these bytes, from the cache if it is there.
+    """Return the text that `make` generates from the bytes `made_of`, or its copy in the cache.
 
-    Without a readable, writable folder, or with a damaged file, the text is generated each time.
+    If the cache's folder is not readable and writable, the text is generated each time.
     Files are written atomically, so other processes never read an incomplete one.
     """
     key = hashlib.sha256()
@@ -63,7 +63,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def urdf(robot_model: str, **arguments: str) -> str:
-    """Return the URDF of a model, with a name as for `load_robot_model`.
+    """Return the URDF of a model. `robot_model`: name or path as for `load_robot_model`.
 
     `arguments`: arguments of urdf/epson_robot.urdf.xacro. Raises ImportError if xacro is not
     installed, and InputError if the model does not exist.
@@ -108,7 +108,7 @@ EDGE_M = 0.004
 """Maximum width of bevelled edges, m. They make edges visible in the light."""
 
 EDGE_SHARE = 0.12
-"""Maximum width of bevelled edges as a share of the smallest size."""
+"""Maximum width of bevelled edges as a fraction of the solid's smallest dimension."""
 
 
 class Surface(NamedTuple):
@@ -122,7 +122,7 @@ class Surface(NamedTuple):
 
 
 def link_surfaces(model: RobotModel) -> list[list[Surface]]:
-    """Return the surfaces of base_link, link_1 …, one for each colour."""
+    """Return the surfaces of base_link and of each link: one surface for each colour."""
     root = ElementTree.fromstring(urdf(model.file))  # noqa: S314 - made by us
     links = {link.get('name'): link for link in root.iter('link')}
     numbers = range(1, len(model.joint_names) + 1)

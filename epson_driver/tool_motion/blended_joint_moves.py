@@ -3,9 +3,9 @@
 """Straight moves in joint space with blends between them.
 
 In a blend, the tool stays within the blend radius of the corner. The blend cuts the corner
-symmetrically: at full speed, the joints need equal times before and after it. It has two
-continuous derivatives, and the joints stay between the positions of the moves, and so within their
-ranges.
+symmetrically: at full speed, the joints need equal times before and after the corner. A blend has
+two continuous derivatives. In it the joints stay between the positions of the moves, and so within
+their ranges.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +27,8 @@ SAMPLES = 100
 """Number of samples of each move and of each blend."""
 
 STEP_RAD = 0.01
-"""Sampling step of a move for the distance of the tool from a corner, rad or m."""
+"""Joint step between the samples at which the tool's distance from a corner is computed, rad or
+m."""
 
 MIN_SAMPLES, MAX_SAMPLES = 50, 2000
 
@@ -51,8 +52,8 @@ RESERVE_FRACTION = 0.01
 class _Part:
     """A move without its blends, or a blend.
 
-    size: duration at full speed, s. coefficients: of the joints' polynomials of the fraction of
-    the part, shape (6, n), rad (m). blend: whether the part is a blend.
+    size: duration at full speed, s. coefficients: polynomials from the fraction of the part,
+    [0, 1], to the joint positions, shape (6, n), rad (m). blend: whether the part is a blend.
     """
 
     size: float
@@ -61,7 +62,7 @@ class _Part:
     blend: bool
 
     def derivative(self, fractions: Array, order: int = 0) -> Array:
-        """Return a derivative of the joints by the fraction, shape (m, n), at fractions, (m,)."""
+        """Return the joint positions, or a derivative by the fraction, at fractions, (m, n)."""
         return polynomial(self.coefficients, fractions, order)
 
 
@@ -202,7 +203,7 @@ def _blend(
     radius: float,
     index: int,
 ) -> tuple[float, Array]:
-    """Return the extent of a blend to each side of a corner, s at full speed, and its polynomials.
+    """Return a blend's extent to each side of a corner, s at full speed, and its coefficients.
 
     positions: function for the tool's positions. rates: the joints' velocities at full speed
     before and after the corner. extent: maximum extent. The extent is reduced until the tool stays
@@ -226,7 +227,6 @@ def _blend(
 
 
 def _stricter(first: JointLimits, second: JointLimits) -> JointLimits:
-    """Return the lower of two velocity, acceleration and jerk limits, for each joint."""
     return replace(
         first,
         **{

@@ -17,7 +17,7 @@ from epson_driver.tool_motion.speed_profile import fraction_of_limits
 MIN_SAMPLES = 5
 
 HALVINGS = 50
-"""Bisection steps, which reach full precision."""
+"""Number of bisection steps, which is enough for full precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class CurveSpeed:
 
 
 class Curve:
-    """A cubic spline through k ≥ 5 samples at evenly spaced fractions, shape (k, n), rad.
+    """A cubic spline through k ≥ 5 joint positions at evenly spaced fractions, (k, n), rad.
 
     The second derivative is continuous. Raises ValueError if the samples are invalid.
     """
@@ -81,7 +81,7 @@ class Curve:
 
     @property
     def derivative_bounds(self) -> tuple[Array, Array, Array]:
-        """Upper bounds of the magnitudes of the first three derivatives, shapes (n,)."""
+        """Upper bounds of the magnitudes of three derivatives by the fraction, shapes (n,)."""
         slopes = [np.abs(self._slope(index)) for index in range(len(self.samples) - 1)]
         slopes.append(np.abs(self.at(1.0)[1]))
         second = np.max(np.abs(self._second), axis=0)
@@ -147,7 +147,7 @@ def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotio
 
 
 def reduced(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float, float, float]:
-    """Return velocity, acceleration and jerk of `speed`, reduced to the joints' limits."""
+    """Return velocity, acceleration and jerk of `speed`, reduced to respect the joint limits."""
     v, a, j = speed.velocity, speed.acceleration, speed.jerk
     factor = float(fraction_of_limits(limits, curve.derivative_bounds, v, a, j))
     return v * factor, a * factor**2, j * factor**3
@@ -156,7 +156,7 @@ def reduced(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float
 def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array, Array]:
     """Return upper bounds of the joints' velocity, acceleration and jerk, shapes (n,).
 
-    v, a, j: velocity, acceleration and jerk along the curve.
+    v, a, j: velocity, acceleration and jerk along the curve, in fractions of the curve.
     """
     first, second, third = curve.derivative_bounds
     return (

@@ -15,7 +15,7 @@ from epson_driver.tool_motion.pose_path import Run
 
 STEP_M = 0.001
 STEP_RAD = 0.01
-"""Maximum distance, m, and maximum angle between two samples of a path."""
+"""Maximum distance, m, and maximum angle, rad, between two samples of a path."""
 
 MIN_STEPS = 50
 """Minimum number of samples of each line, arc and blend."""
@@ -37,7 +37,7 @@ class PathError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class ShownFrame:
-    """The frame of positions in error texts: its name, and base_link in it, shape (4, 4), m."""
+    """The frame of positions in error texts: its name, and base_link's pose in it, (4, 4), m."""
 
     name: str = 'base_link'
     base_link: Array = field(default_factory=lambda: np.eye(4))
@@ -59,11 +59,11 @@ Checkpoint = Callable[[], None]
 class JointPath:
     """The joint positions along a run, which is a path from rest to rest.
 
-    distances: of k samples from the start, shape (k,), m, or another unit of the path's length.
-    joints: joint positions there, shape (k, n). positions: tool positions there, shape (k, 3), m.
-    joints_at: function from other distances, shape (m,), to joint positions, shape (m, n). name:
-    name of the run in error texts, frame: the one of positions in them. checkpoint: called at
-    each sample.
+    distances: distance of each of k samples from the start, shape (k,), m or another unit. joints,
+    positions: joint positions, shape (k, n), and tool positions, shape (k, 3), m, at the samples.
+    joints_at: function from other distances, shape (m,), to joint positions, shape (m, n). name,
+    frame: name of the run, and frame of positions, in error texts. checkpoint: called at each
+    sample.
     """
 
     name: str

@@ -26,8 +26,8 @@ MOVE_TIME_TOLERANCE = 1e-6
 """Accepted excess of a motion's minimum duration over its move_time, relative to the move_time."""
 
 MOVE_FRACTIONS = (0.8, 0.5, 0.3)
-"""Durations for which a tool motion is planned, as fractions of its move_time. The first motion
-that is fast enough is then slowed down to the move_time."""
+"""Fractions of the move_time for which a tool motion is planned, in this order. The first motion
+that takes no longer than the move_time is slowed down to it."""
 
 
 class Kind(IntEnum):
@@ -50,14 +50,14 @@ class Primitive:
     target: Array
     """Joint positions, shape (n,), rad (m), or the pose of the tool in base_link, (4, 4), m."""
     via: Array | None = None
-    """A point on the circle, shape (3,), m, or None for other kinds."""
+    """A point on the arc, shape (3,), m. None: the motion is not an arc."""
     velocity: float | None = None
     """Maximum velocity of each joint, rad/s (m/s), or of the tool, m/s. None: default limit."""
     acceleration: float | None = None
     """Maximum acceleration of each joint, rad/s² (m/s²), or of the tool, m/s². None: the default
     limit."""
     move_time: float = 0.0
-    """Duration, s, which replaces velocity and acceleration. 0: none."""
+    """Duration, s, used instead of velocity and acceleration. 0: not set."""
     blend_radius: float = 0.0
     """Radius of the blend into the next motion, m. 0: rest at the end."""
 
@@ -70,7 +70,7 @@ class PlannedSequence:
     ends: Array
 
     def index(self, fraction: float) -> int:
-        """Return the index of the motion that is executed after a fraction of the duration."""
+        """Return the index of the motion that is executed at a fraction of the duration."""
         time = fraction * self.trajectory.duration
         return min(int(np.searchsorted(self.ends, time, side='right')), len(self.ends) - 1)
 
@@ -121,7 +121,7 @@ def _name(index: int, primitive: Primitive) -> str:
 
 
 def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
-    """Yield the index of the first motion, and the motions, of each group blended together.
+    """Yield each group of motions that are blended together, with the index of its first motion.
 
     Raises SequenceError if motions cannot be blended.
     """

@@ -38,8 +38,9 @@ MAX_STRETCH = 100.0
 """Maximum slowdown anywhere on a path. If more is needed, the path is refused."""
 
 LEVELS = (1, 2, 3, 5, 8)
-"""Numbers of speed levels that are tried, down to the speed of the slowest point. With more
-levels, each point is closer to its own limit, but there is less distance for changes of speed."""
+"""Numbers of speed levels that are tried. The lowest level is the speed of the slowest point. With
+more levels, the speed at each point is closer to its limit, but less distance is left for changes
+of speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,7 @@ def _motions(
 
 
 def _slopes(path: JointPath) -> Array:
-    """Return three derivatives of the joints by the distance at each sample, shape (3, k, n)."""
+    """Return the joints' first three derivatives by distance at the samples, shape (3, k, n)."""
     first = np.gradient(path.joints, path.distances, axis=0, edge_order=2)
     second = np.gradient(first, path.distances, axis=0, edge_order=2)
     third = np.gradient(second, path.distances, axis=0, edge_order=2)
@@ -209,7 +210,7 @@ def _slowed_parts(
 ) -> Iterator[PartLimits]:
     """Yield the parts with reduced limits, divided where the reduction changes.
 
-    shares: the results of `_allowed_fractions`, which are rounded down to one of `levels` levels.
+    fractions: result of `_allowed_fractions`, here rounded down to one of `levels` levels.
     """
     minimum = min(float(fractions.min()), 1.0 - 1e-9)
     allowed = minimum ** (np.ceil(np.log(fractions) / np.log(minimum) * levels - 1e-9) / levels)

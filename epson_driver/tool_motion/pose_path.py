@@ -25,8 +25,8 @@ MIN_BEND_M = 1e-5
 """Minimum distance of an arc's middle point from the line between its ends, m."""
 
 HALF_TURN_MARGIN_RAD = 1e-6
-"""Difference from π below which the direction of a turn is ambiguous. Then the turn is positive
-about the axis whose largest component is positive."""
+"""The direction of a turn that is closer to π than this is ambiguous. It is then chosen so that
+the largest component of the axis is positive."""
 
 
 SHORTEST_PATH = 1e-6
@@ -38,7 +38,7 @@ class PosePath:
     """A path of poses.
 
     length: m. angle: total turn, rad. pose: function from a fraction of the path, [0, 1], to the
-    pose. derivatives: function from a fraction to three derivatives by the fraction, shape (3, 6):
+    pose. derivatives: function from a fraction to the first three derivatives by it, shape (3, 6):
     of the position, m, and of the turn about the axes of the moving frame, rad.
     """
 
@@ -156,7 +156,7 @@ def _text(point: Array) -> str:
 
 
 class BlendError(ValueError):
-    """A path with a segment that is too short or cannot be blended. `index`: of the segment."""
+    """A segment of a path that is too short or cannot be blended. `index`: its index."""
 
     def __init__(self, index: int, text: str) -> None:
         super().__init__(text)
@@ -167,7 +167,7 @@ class BlendError(ValueError):
 class Run:
     """A path from rest to rest. Its parts are segments without their blends, and blends.
 
-    segments: for each part the index of its segment, or of both segments for a blend.
+    segments: for each part, the index of its segment, or the indices of both for a blend.
     """
 
     parts: tuple[PosePath, ...]
@@ -188,7 +188,7 @@ class Run:
 
     @cached_property
     def ends(self) -> Array:
-        """Distances, as in `seams`, at which segments end: the middle of each blend, the end."""
+        """Distances at which the segments end: the middles of the blends, and the end, m (rad)."""
         blends = [len(segment) > 1 for segment in self.segments]
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 

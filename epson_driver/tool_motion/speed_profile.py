@@ -15,10 +15,10 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 
 HALVINGS = 60
-"""Bisection steps, which reach full precision."""
+"""Number of bisection steps, which is enough for full precision."""
 
 END_TOLERANCE = 1e-9
-"""Relative distance from the end that counts as the end, because times are inaccurate there."""
+"""Last fraction of the path that counts as its end, because times are inaccurate there."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,8 @@ MAX_TOOL_M = 10.0
 def numbers(field: str, values: object, form: str = 'numbers') -> Array:
     """Return numbers as an array. They may be NaN or infinite.
 
-    form: expected form, for the error. Raises ValueError if the values are no numbers.
+    field, form: name and expected form of the values, for the error. Raises ValueError if the
+    values are not numbers.
     """
     try:
         array = np.array(values)
@@ -61,7 +62,7 @@ def pose_of_quaternion(field: str, values: Array) -> Array:
 def check_tool_distance(field: str, pose: Array) -> None:
     """Raise ValueError if a tool is farther than MAX_TOOL_M from the flange.
 
-    pose: of the tool in tool0, shape (4, 4), m.
+    pose: pose of the tool in tool0, shape (4, 4), m.
     """
     away = float(np.linalg.norm(pose[:3, 3]))
     if away > MAX_TOOL_M:

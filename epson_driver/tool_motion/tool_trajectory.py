@@ -23,8 +23,8 @@ JERK_PER_ACCELERATION = 10.0
 """Default ratio of the tool's jerk to its acceleration, 1/s. The acceleration ramps take 0.1 s."""
 
 SIDEWAYS_FRACTION = 0.8
-"""Maximum fraction of the acceleration that a bend uses. A fraction of 0.6 at right angles to it
-remains for changes of speed."""
+"""Maximum fraction of the acceleration limit that a bend uses. A fraction of 0.6, at right angles
+to it, remains for changes of speed."""
 
 TINY = 1e-12
 """Lower bound of a derivative, which avoids divisions by 0."""
@@ -87,10 +87,10 @@ def timed_run(
     checkpoint: Checkpoint = lambda: None,
     frame: ShownFrame = BASE_LINK,
 ) -> TimedRun:
-    """Return the points along a run.
+    """Return the timed points along a run that starts at the joint positions `start`.
 
     tools: limits of the tool in each segment of the path. A blend respects the limits of both
-    segments. Raises like `trajectory_along_runs`.
+    segments. Raises the errors of `trajectory_along_runs`.
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):

@@ -140,10 +140,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return the approximate times at which a plan reaches path parameters, s, shape (k,).
-
-    places: the path parameters u, of which the last is the end of the plan.
-    """
+    """Return about when a plan reaches the path parameters `places`, s. The last is its end."""
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
     if request.state[1] == 0.0:
