@@ -161,7 +161,7 @@ WHILE_PLANNED = {
         lambda robot, _: robot.disable(),
         r'disabled on request, while the motion was planned',
     ),
-    'E-stop, enable': (press_and_enable, 'E-stop is pressed .* while the motion was planned'),
+    'E-stop, enable': (press_and_enable, 'E-stop was pressed.* while the motion was planned'),
     'another motion': (
         lambda robot, _: robot.move_joints([0.02, 0, 0, 0]),
         'replaced by a newer goal before it could start',
@@ -177,7 +177,7 @@ def test_motion_ended_during_planning_never_starts(case, monkeypatch):
     planning, release = threading.Event(), threading.Event()
     planned = motions.trajectory_along_runs
 
-    def plan_slowly(*args):
+    def plan_slowly(*args, frame):
         planning.set()
         release.wait(PATIENCE)
         return planned(*args[:4])  # without the cancellation check
