@@ -42,9 +42,9 @@ def closest_sample_indices(waypoints: Array, positions: Array) -> Indices:
 def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
     """Return the smallest distance of a motion from each waypoint, rad, and its time, s.
 
-    Both have shape (n,). The distance is the largest one of a joint. Between two samples the
-    motion is the cubic with their positions and velocities. Raises ValueError if the motion has no
-    velocities.
+    Both have shape (n,). A distance is the largest difference in any joint. Between two samples
+    the motion is the cubic with their positions and velocities. Raises ValueError if the motion
+    has no velocities.
     """
     if motion.velocities is None:
         raise ValueError('the motion has no velocities')

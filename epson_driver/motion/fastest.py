@@ -96,7 +96,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
 
 
 def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion | None:
-    """Return the first converged motion of a search that can respect all limits, or None."""
+    """Return the first converged motion that, slowed down, respects all limits, or None."""
     for _ in range(MAX_SEARCH_STEPS):
         if not search.step():
             return None

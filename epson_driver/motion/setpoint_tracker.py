@@ -266,7 +266,7 @@ class SetpointTracker:
     def _execute(self, motion: JointMotion, *, final: bool) -> bool:
         """Execute a motion from now on if it respects all limits and ends at rest.
 
-        Return whether it does. final: value of `_final`.
+        Return whether it is executed. final: new value of `_final`.
         """
         if not motion.within(self.limits):
             return False

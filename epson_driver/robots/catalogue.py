@@ -40,7 +40,7 @@ SOLD_AS = {
 
 
 class Layer(NamedTuple):
-    """Values for a model from a whole file, or from one entry in it, whose keys are `where`."""
+    """Values for a model from a file or an entry in it. where: keys of the entry, or ()."""
 
     path: Path
     where: tuple[str, ...]

@@ -47,8 +47,8 @@ of speed."""
 class TimedRun:
     """Points of a motion from rest to rest.
 
-    times: from 0, shape (k,), s. positions, velocities: of the joints, shape (k, n). ends: end
-    time of each segment, shape (m,), s.
+    times: times of the points from 0, shape (k,), s. positions, velocities: those of the joints,
+    shape (k, n). ends: end time of each segment, shape (m,), s.
     """
 
     times: Array

@@ -41,8 +41,8 @@ LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
 from rest, and the additional delay at the end, as fractions of acceleration limit / jerk limit."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
-"""The speed ratio is 1 + delay / FULL_CATCH_UP_DELAY_S · (CATCH_UP_RATIO - 1), where the quotient
-is at most MAX_DELAY_RATIO. A long delay is the result of a rest or a very slow motion."""
+"""The speed ratio is at most 1 + delay / FULL_CATCH_UP_DELAY_S · (CATCH_UP_RATIO - 1), where the
+quotient is at most MAX_DELAY_RATIO. A long delay results from a rest or a very slow motion."""
 
 HORIZON_SHARE = 0.8
 """The path is cut where the speed profile arrives after this fraction of the planning horizon,

@@ -34,7 +34,7 @@ JUMP_TOLERANCE = 1e-9
 """Jump of u between two pieces of a timing that counts as rounding."""
 
 KNOT_TOLERANCE = 1e-12
-"""Difference in u between a path knot and a timing breakpoint that counts as rounding."""
+"""Difference in u between a path knot and an end of a timing's piece that counts as rounding."""
 
 PASSAGE_TOLERANCE = 1e-15
 """Accuracy with which the passage of a knot is computed, in u or in s."""

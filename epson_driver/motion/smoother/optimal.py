@@ -200,7 +200,7 @@ def _spline(
 ) -> SpeedSpline | None:
     """Return a spline slightly slower than a sampled timing, or None if nodes would coincide.
 
-    us, vs, times: path parameter u, speed u̇ and time of the samples. Two nodes are `spacing` s
+    us, vs, times: path parameter u, speed u̇ and time of the samples. Nodes are about `spacing` s
     apart. The result is also None if the second coefficient is not positive.
     """
     start, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length

@@ -62,10 +62,10 @@ _QUANTITIES = (
     ('change of velocity minus the mean acceleration', '/s'),
     ('change of position minus the mean velocity', ''),
 )
-"""Quantity of each row of values and bounds, and the suffix to the joint's unit."""
+"""Quantity in each row of the arrays `values` and `bounds`, and suffix to the joint's unit."""
 
 _ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
-"""Indices of rows of values and bounds."""
+"""Indices of some of these rows."""
 
 
 class OutputGuard:

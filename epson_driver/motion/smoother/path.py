@@ -25,7 +25,7 @@ DEGREE = 5
 
 
 def _hull_of(start: float, end: float) -> Array:
-    """Return the matrix from a quintic's coefficients to its Bernstein ones on [start, end]."""
+    """Return the matrix from power to Bernstein coefficients of a quintic on [start, end]."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
     for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments `end`, the others `start`
         polynomial = np.array([1.0])

@@ -30,10 +30,10 @@ MIN_POINTS = 3
 """Minimum number of points in a request, if as many are known."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
-"""Time before its end from which a plan may be replaced, in multiples of the stopping time."""
+"""A plan may be replaced in this last part of its duration, in multiples of the stopping time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""Last fraction of this time, in which even a plan with a slow motion is accepted."""
+"""Last fraction of this part, in which even a plan with a slow motion is accepted."""
 
 LATE_TOLERANCE_S = 1e-9
 """Maximum time by which a plan may start in the past because of rounding, s."""

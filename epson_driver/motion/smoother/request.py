@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The request to the planner, its plan, and the problem that it solves.
 
-u is the path parameter, u̇ and ü are its derivatives by time, and q′ the joint positions' by u.
+u is the path parameter, u̇ and ü are its derivatives by time, and q′ is the derivative of the
+joint positions by u.
 
 Requests and plans can be pickled, so that a separate process can plan. The computing effort of a
 plan is estimated from the dominant operations instead of measured, so that plans are reproducible.
@@ -34,7 +35,7 @@ class Request:
     knots: Knots
     """First knots of the path: those of the current path around `state`, or one knot at rest."""
     current_knots: Knots | None
-    """All knots of the current path from the last one before `state`, or None: at rest, or if the
+    """All knots of the current path from the last one before `state`. None at rest, and if the
     current path includes points beyond this request."""
     points: Array
     """Positions after the knots, shape (m, n), rad."""

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Timings that are a single jerk-limited move along the path, or a stop, found by Ruckig.
 
-u is the path parameter, u̇, ü, u⃛ are its derivatives by time, and q′ the joint positions' by u.
+u is the path parameter, u̇, ü, u⃛ are its derivatives by time, and q′ is the derivative of the
+joint positions by u.
 """
 
 import numpy as np

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest speeds on a path, mostly without regard to jerk, from which `optimal` starts.
 
-u is the path parameter, x = u̇² the square of the speed, and q″, q‴ are the joints' derivatives by
-u. The method integrates dx/du = 2ü, once backward and once forward (Bobrow et al. 1985).
+u is the path parameter, x = u̇² the square of the speed, and q″, q‴ are the second and third
+derivative of the joint positions by u. The method integrates dx/du = 2ü, once backward and once
+forward (Bobrow et al. 1985).
 """
 
 from dataclasses import dataclass
@@ -15,8 +16,8 @@ from epson_driver.motion.smoother.request import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
-"""Fractions of the acceleration limit that are used in total, and for q″u̇² alone. The second one
-also applies to the jerk limit, for q‴u̇³."""
+"""Fractions of the acceleration limit that are used: ACCELERATION_SHARE in total, CURVATURE_SHARE
+for q″u̇² alone. CURVATURE_SHARE is also the fraction of the jerk limit for q‴u̇³."""
 
 MIN_SAMPLES = 160
 """Minimum number of samples of a path. There are at least two per segment."""
@@ -35,7 +36,7 @@ class SpeedProfile:
 
 
 class SpeedBounds:
-    """Upper bounds of u̇, `speeds`, at path parameters u, `positions`, of a path, shapes (m,)."""
+    """Upper bounds of the speed u̇ on a path: `speeds` at path parameters `positions`, (m,)."""
 
     __slots__ = ('_max_acceleration', '_start', 'positions', 'speeds')
 

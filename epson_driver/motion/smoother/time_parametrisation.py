@@ -59,7 +59,7 @@ class TimeParametrisation:
         )
 
     def sample(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """Return u, velocity, acceleration, jerk at times within the timing, in their shape."""
+        """Return u and three derivatives at times within the timing, in the shape of `times`."""
         piece = np.clip(self.times.searchsorted(times, side='right') - 1, 0, len(self.jerks) - 1)
         t = times - self.times[piece]
         u, v = self.positions[piece], self.velocities[piece]
@@ -137,7 +137,7 @@ def from_pieces(
 
 # from the jerk's integrals over three equal times (once, twice, three times) to the jerks
 _THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
-"""Matrix from the relative changes of a, v and u between two states to three jerks."""
+"""Matrix from the scaled changes of a, v, u between two states to the jerks of three pieces."""
 
 
 def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametrisation:
