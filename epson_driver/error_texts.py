@@ -67,8 +67,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
     """Load config/errors/NAME.yaml, or an empty table for 'none'.
 
-    Raises InputError if there is no such file, in which case it lists the names, or if the file is
-    invalid.
+    Raises InputError if the file is invalid, or if it is missing. The text then lists the names.
     """
     if name == NO_TEXTS:
         return ErrorTexts({})

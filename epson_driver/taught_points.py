@@ -109,11 +109,12 @@ class EpsonPoint:
 
 @dataclass(frozen=True)
 class Pallet(Sequence[EpsonPoint]):
-    """Points in columns and rows between taught corners, along the first row first.
+    """Points in columns and rows between taught corners, in the order of the rows.
 
-    Like SPEL+'s Pallet, whose number 1 is point 0 here. first, row_end, column_end: the corners.
-    opposite: the fourth corner, or None for a parallelogram. All points have the orientation of
-    `first`. Raises InputError if an argument is invalid.
+    SPEL+'s Pallet counts from 1, and this class from 0. `first`: the corner at which the first row
+    and the first column begin. `row_end`, `column_end`: their other ends. `opposite`: the fourth
+    corner, or None for a parallelogram. All points have the orientation of `first`. Raises
+    InputError if an argument is invalid.
     """
 
     first: EpsonPoint
@@ -157,7 +158,7 @@ def plain(value: object) -> object:
 
 
 Posture = dict[str, int]
-"""Flags of the arm's posture (hand, elbow, wrist) by their keys in a .pts file. Missing: 0."""
+"""Flags of hand, elbow and wrist, by their keys in a .pts file. A missing flag is 0."""
 
 
 def posture(model: RobotModel, joints: Array) -> Posture:
@@ -230,11 +231,12 @@ _KEYS = (
     *('nNumber', 'sLabel', 'sDescription', 'nUndefined', 'rX', 'rY', 'rZ', 'rU', 'rV', 'rW'),
     *('rR', 'rS', 'rT', 'nLocal', *_FLAGS, 'rJ1Angle', 'rJ4Angle', 'bSimVisible'),
 )
-"""The keys of a point in a .pts file, in their order. The first letter is the type."""
+"""The keys of a point in a .pts file, in their order. The first letter is the type: n or r for a
+number, s for a string, b for a boolean."""
 
 COLUMNS = tuple(key[1:] for key in _KEYS)
 _NEEDED = ('Number', 'X', 'Y', 'Z', 'Hand', 'Elbow', 'Wrist')
-"""Columns that a .csv file must have. The default of the others is 0, '' or True."""
+"""Columns that a .csv file must have. Other columns default to 0, '' or True."""
 
 _SHOWN = {
     'nHand': {1: '/R', 2: '/L'},
@@ -250,10 +252,11 @@ _ONLY_PLACE = '448'
 
 @dataclass(frozen=True)
 class _StoredPoint:
-    """A named point. point: None if only the label exists. number, block: from a .pts file.
+    """A named point.
 
-    posture: of the arm when the point was taught, or why it is unknown. None: as in the block.
-    why: why the point cannot be used, or ''.
+    `point`: None if only the label exists. `number`, `block`: from a .pts file. `posture`: the
+    arm's posture at the point, why it is unknown, or None if `block` has it. `why`: why the point
+    cannot be used, or ''.
     """
 
     name: str
@@ -273,14 +276,14 @@ class TaughtPoints:
         self._changed = False
 
     def get(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError if it is unknown, InputError if it is unusable."""
+        """Return a point. Raises KeyError if it is unknown, InputError if it cannot be used."""
         stored = self._existing(name)
         if stored.point is None or stored.why:
             raise InputError(f'point {name} {stored.why or "is not taught yet"}')
         return stored.point
 
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
-        """Set or add a point. taught: the arm's posture at the point, or why it is unknown.
+        """Set or add a point. `taught`: the arm's posture at the point, or why it is unknown.
 
         Raises InputError if the name or the point is invalid, or the existing point is unusable.
         """
@@ -428,7 +431,7 @@ class TaughtPoints:
         return sealed(Block('', [*items, *blocks]), datetime.now(UTC)).encode('latin-1')
 
     def _blocks(self) -> list[Block]:
-        """Return the points as blocks of a .pts file, by number. Raises InputError."""
+        """Return the points as blocks of a .pts file, by number. Raises InputError if too many."""
         used = {stored.number for stored in self._points.values()}
         free = (number for number in range(LAST_NUMBER + 1) if number not in used)
         numbered = []
@@ -494,14 +497,12 @@ _Read = tuple[dict[str, _StoredPoint], tuple[bytes, Block] | None]
 
 
 def _from_pts(file: Path) -> _Read:
-    """Read a .pts file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     content = read_file(file, MAX_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
     return _of_blocks(file, top.blocks('Point')), (content, top)
 
 
 def _from_csv(file: Path) -> _Read:
-    """Read a .csv file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     content = read_file(file, MAX_BYTES).removeprefix(codecs.BOM_UTF8)
     rows = csv.DictReader(io.StringIO(content.decode('latin-1'), newline=''))
     try:
@@ -528,14 +529,14 @@ def _of_rows(file: Path, rows: 'csv.DictReader[str]') -> Iterator[Block]:
 
 
 def _value(key: str, column: str) -> str:
-    """Return the value of a key in a .pts file for that of a .csv column."""
+    """Return the value of a key in a .pts file, given the text in its .csv column."""
     if key == 'nUndefined' and not column:
         return _ONLY_PLACE
     return quoted(column) if key[0] == 's' else column or ('True' if key[0] == 'b' else '0')
 
 
 def _column(block: Block, key: str) -> str:
-    """Return the value of a .csv column for that of a key in a .pts file."""
+    """Return the text of a .csv column, given the key in a .pts file."""
     text = block.text(key, 'True' if key[0] == 'b' else '' if key[0] == 's' else '0')
     return text.replace('\\\\', '\\') if key[0] == 's' else text
 
@@ -560,7 +561,6 @@ def _of_blocks(file: Path, blocks: Iterable[Block]) -> dict[str, _StoredPoint]:
 
 
 def _from_yaml(file: Path) -> _Read:
-    """Read a .yaml file. Raises ValueError if it is invalid, OSError if it cannot be read."""
     data = read_yaml(file)
     if not isinstance(data, dict):
         raise InputError(f'{printable(file)}: must be a mapping of names to points')

@@ -43,9 +43,9 @@ _VALUE = number(-MAX_VALUE, MAX_VALUE)
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     """Return the trajectory in a file. Only the first of several YAML documents is read.
 
-    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds. timed: whether
-    every point must have a time. If False, a missing time is 0 s. Raises InputError if the content
-    is invalid.
+    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds. `timed`:
+    whether every point must have a time. If False, a missing time is 0 s. Raises InputError if the
+    content is invalid.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
@@ -118,7 +118,7 @@ def _time(point: Any, where: str, timed: bool) -> float:
 
 
 def _optional(points: list[Any], key: str, joints: int, file: str) -> Array | None:
-    """Return a quantity of all points, or None if no point has it."""
+    """Return the values of `key` at all points, or None if no point has this key."""
     return _table(points, key, joints, file) if any(point.get(key) for point in points) else None
 
 

@@ -99,8 +99,8 @@ def parsed(
     """Return the parsed arguments of a command.
 
     A robot's file replaces an address, or the model after --robot. Its other values replace the
-    parser's defaults. positional: the setting that it replaces elsewhere. refused: why the command
-    accepts no such file, or ''.
+    parser's defaults. `positional`: the setting that it replaces elsewhere. `refused`: why the
+    command accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)
@@ -156,7 +156,7 @@ def page(text: str) -> Path:
 
 
 def if_in_use(cause: BaseException | None) -> str:
-    """Return advice if `cause` is a port that another process has open, else ''."""
+    """Return advice if `cause` says that another process uses the port, else ''."""
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
         return ''
     return (

@@ -34,7 +34,7 @@ TRAJECTORY_OF_SCARAS = share_path('config', 'trajectories', 'scara_pick_and_plac
 """Default trajectories: the first for six-axis arms, the second for SCARAs."""
 
 NATIVE = 'simulated'
-"""Profile with which --compare compares a SPEL+ program. Its program is built in."""
+"""Profile of the built-in program, with which --compare compares a SPEL+ program."""
 
 
 def main() -> int:

@@ -54,7 +54,7 @@ GRAPH_TIMEOUT_S = 60.0
 def main() -> int:
     """Run all permitted checks, and return the exit code.
 
-    0: nothing is wrong and nothing inhibits motion. 1: something is or does. 130: Ctrl-C.
+    0: nothing is wrong and nothing keeps the arm from moving. 1: otherwise. 130: Ctrl-C.
     """
     parser = _parser()
     arguments = parsed(parser)
@@ -171,7 +171,7 @@ def tell(console: Console, finding: Finding) -> None:
 
 
 def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) -> None:
-    """Print the findings, the worst first. What is in order is folded unless `everything`."""
+    """Print the findings, the worst first. `everything`: do not combine what is in order."""
     shown = sorted(findings.all, key=lambda item: ORDER.index(item.level))
     fine = [item for item in shown if item.level is Level.OK]
     if not everything and fine:

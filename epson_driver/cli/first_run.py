@@ -91,10 +91,7 @@ class _Keyboard:
         self._typed = b''
 
     async def ask(self, sentence: str) -> str:
-        """Print a question, and return the line typed after it.
-
-        Raises EOFError if standard input is closed.
-        """
+        """Print a question, and return the line typed after it. Raises EOFError without one."""
         loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
         if os.isatty(file):  # drop lines typed before the question
             termios.tcflush(file, termios.TCIFLUSH)

@@ -36,7 +36,7 @@ from epson_driver.processes.processes import Process, RunError
 PROGRAM, START_TIMEOUT_S = 'fast-discovery-server', 300.0
 SERVER, RANGE = 'ROS_DISCOVERY_SERVER', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 WINDOW_S, QUEUE = 2.0, 2000
-"""Interval over which the table shows means, s, and the most joint states counted in it."""
+"""Interval over which the table shows means, s, and maximum number of joint states in it."""
 
 
 class Row(NamedTuple):

@@ -43,7 +43,7 @@ async def look(arguments: argparse.Namespace) -> Look:
 def question(
     arguments: argparse.Namespace, seconds: float, may_ask: bool = False, may_use_io: bool = False
 ) -> Question:
-    """Return the checks for the arguments. Raises OSError or InputError for a wrong name."""
+    """Return the checks. Raises OSError or InputError if the profile or model is unusable."""
     profile = load_controller_profile(arguments.controller)
 
     def port(name: str) -> int:

@@ -191,7 +191,6 @@ def _line(model: RobotModel) -> tuple[str, ...]:
 
 
 def _sheets(model: RobotModel) -> list[Sheet]:
-    """Return the tables with all numbers of a model."""
     return [
         Sheet(
             f'{model.name}: {model.description}',

@@ -149,7 +149,7 @@ def _program(
 
 
 def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
-    """Return a used option that does not apply to SPEL+ programs, and why, or None."""
+    """Return a given option that does not apply to SPEL+ programs, with the reason, or None."""
     options = {
         '--motion': (args.motion, 'determines its motion itself'),
         '--look-ahead': (args.look_ahead, 'determines itself how many points it accepts ahead'),
@@ -162,7 +162,7 @@ def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
 
 
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
-    """Return the port of the option, else of the profile, else (if that is 0) the default."""
+    """Return the option's port, or else the profile's, or, if that is 0, the default."""
     requested: int | None = getattr(args, f'{name}_port')
     if requested is not None:
         return requested
@@ -202,7 +202,7 @@ async def _run(
 
 
 def _watch_stdin(ended: asyncio.Event) -> None:
-    """Set an event when stdin closes, which the death of the writing process does too."""
+    """Set `ended` when stdin closes, which also happens when the writing process dies."""
     loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:

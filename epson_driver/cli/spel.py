@@ -187,7 +187,7 @@ def _check(arguments: argparse.Namespace) -> int:
 def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
     """Yield the folder and the files of each project.
 
-    A path of a folder is one project. Paths of files in the same folder are one project together.
+    Each folder in `paths` is a project. Files in `paths` form one project per folder.
     """
     single: dict[Path, dict[str, str]] = {}
     for path in paths:

@@ -32,10 +32,10 @@ from epson_driver.spel.lint import check
 from epson_driver.spel.project import TESTS
 
 FIRST_OUTPUT_BYTE_6 = '0'
-"""IO_FIRST_OUTPUT_BYTE for RC+ 6, which assigns no outputs to remote control (manual, p953)."""
+"""IO_FIRST_OUTPUT_BYTE for RC+ 6, which has no outputs of remote control (SPEL+ manual p953)."""
 
 BUILT_IN = ('t', 'vt')
-"""Controllers that are part of the arm of the series with this name."""
+"""Controllers that are built into the arms of the series with the same name."""
 
 Project = tuple[Path, Mapping[str, str]]
 """The folder of a SPEL+ project, and the texts of its files by name."""

@@ -66,10 +66,6 @@ def _format(arguments: argparse.Namespace) -> int:
 
 
 def _points(arguments: argparse.Namespace) -> int:
-    """Show or convert points, and return the exit code.
-
-    Raises InputError or OSError if a file is unusable.
-    """
     from epson_driver.taught_points import TaughtPoints  # here, because it imports numpy
 
     points = TaughtPoints()
@@ -90,7 +86,6 @@ def _points(arguments: argparse.Namespace) -> int:
 
 
 def _serve(_arguments: argparse.Namespace) -> int:
-    """Serve an editor until it ends the server. Raises ModuleNotFoundError without [editor]."""
     from epson_driver.editor.server import server  # here, because it needs the extra
 
     server.start_io()

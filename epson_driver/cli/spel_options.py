@@ -64,7 +64,7 @@ def add_program_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
-    """Return the settings of a program in a folder, if any, with those of the options.
+    """Return the settings in `folder`, unless it is None, overridden by the options.
 
     Raises InputError if they are invalid.
     """

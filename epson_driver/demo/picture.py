@@ -30,7 +30,7 @@ MAX_READS = 10
 def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
     """Return the demo's run until now, from the trace of a driver that is still recording.
 
-    what: the name of the run. The trace is read at most MAX_READS times, until it contains
+    `what`: the name of the run. The trace is read at most MAX_READS times, until it contains
     messages from after this call. Raises report.run.RunError if it contains no run.
     """
     until = time.time_ns()
@@ -52,10 +52,7 @@ class Drawn:
 
 
 def top_speed(recording: Recording, limits: JointLimits) -> str:
-    """Return the highest joint velocity in each unit as a text, such as '1.57 rad/s, 0.40 m/s'.
-
-    The units are in joint order, and only those that the arm's joints have.
-    """
+    """Return the highest joint velocity in each unit as a text, such as '1.57 rad/s, 0.40 m/s'."""
     fastest = np.abs(recording.velocities).max(axis=0)
     units = np.array(limits.units)
     return ', '.join(

@@ -85,7 +85,7 @@ def run(
     """Execute a trajectory once per motion and controller profile, and return the exit code.
 
     The exit code is 0 only if the arm followed the plan, and TOO_BUSY if that is uncertain.
-    staying: run the panel too, and keep everything running until Ctrl-C, with a single motion.
+    `staying`: run the panel too, and keep everything running until Ctrl-C, with a single motion.
     Raises RunError or report.run.RunError if the run fails, OSError if a file cannot be written.
     """
     model = load_robot_model(robot)
@@ -151,7 +151,7 @@ def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
 
 
 class _GoalError(RunError):
-    """A goal was not reached. missed: deadlines that the controller missed during its motion."""
+    """A goal was not reached. `missed`: deadlines that the controller missed during its motion."""
 
     def __init__(self, text: str, missed: int, wire: WireRun) -> None:
         super().__init__(text)
@@ -172,7 +172,7 @@ def _executed(
 ) -> Iterator[tuple[Run, Callable[[], None]]]:
     """Execute the trajectory with a controller and driver that run until the block ends.
 
-    staying: run the panel too. Yields the run, and a function that keeps the cell running until
+    `staying`: run the panel too. Yields the run, and a function that keeps the cell running until
     Ctrl-C. Raises RunError if the goal is not reached.
     """
     began = time.monotonic()

@@ -80,8 +80,8 @@ OUTSIDE_RAD = 0.05
 class Question:
     """The controller to check, and the permitted checks.
 
-    A port of 0 is not used. seconds: listening time, s. may_ask: permits requests to the motion
-    and remote ports. may_use_io: permits requests to the I/O port.
+    A port of 0 is not used. `seconds`: listening time, s. `may_ask`: permits requests to the
+    motion and remote ports. `may_use_io`: permits requests to the I/O port.
     """
 
     host: str

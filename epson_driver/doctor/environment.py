@@ -70,7 +70,7 @@ DEFINITIONS: dict[str, Sequence[str]] = {
     'trajectory_msgs.msg.JointTrajectory': ('header', 'joint_names', 'points'),
     'diagnostic_msgs.msg.DiagnosticArray': ('header', 'status'),
 }
-"""Messages, and the fields that the driver uses. Other versions may lack some of the fields."""
+"""Messages, and the fields that the driver uses. Another package of that name lacks some."""
 
 _ASK = """
 import importlib, json, os, sys

@@ -168,7 +168,6 @@ class Conversation:
         self._finish()
 
     async def _run(self) -> None:
-        """Run the link until its connection has ended."""
         link = asyncio.create_task(self.link.run())
         try:
             await self._wait(lambda: self.traffic.ended)
@@ -208,7 +207,6 @@ class Conversation:
         self._tell()
 
     def _record(self, event: WireEvent, data: bytes) -> None:
-        """Record a step of the connection."""
         now, traffic = time.time_ns(), self.traffic
         if event is WireEvent.OPENED:
             traffic.handshake = traffic.handshake or self.link.last_received - self._began

@@ -31,9 +31,9 @@ VERSION = 1
 MAX_FILE_BYTES = 500_000_000
 
 START_S = {False: 0.1257, True: 0.0336}
-"""Time from sending a point to the first motion in the simulated controller without servo lag, s.
-The key: whether the arm rests at each point. A longer time of a robot is simulated as a delay of
-its state messages."""
+"""Time from sending a point to the first motion in the simulated controller without servo lag, s,
+by whether the arm rests at each point. If a robot's time is longer, its state messages are delayed
+in simulation."""
 
 MIN_DELAY_S = 0.01
 """Minimum delay that is simulated, s. A smaller one is within the scatter."""
@@ -65,9 +65,9 @@ class Entry:
 
 @dataclass
 class FirstRunRecord:
-    """The results of a first run: `about` the robot and the software, and the steps by name.
+    """The results of a first run.
 
-    name: the name of the file.
+    `about`: the robot and the software. `entries`: the steps by name. `name`: of the file.
     """
 
     about: dict[str, str]
@@ -151,9 +151,9 @@ def _entry(step: str, data: Mapping[str, Any]) -> Entry:
 
 @dataclass(frozen=True)
 class ReplicaSettings:
-    """The setup of a simulated controller like the robot, with faults active from the start.
+    """The setup of a simulated controller that behaves like the robot.
 
-    motion: smooth or ptp.
+    `motion`: smooth or ptp. `faults`: active from the start.
     """
 
     robot: str
@@ -207,7 +207,6 @@ def _state_delay(
 
 
 def _page(book: FirstRunRecord) -> Iterator[str]:
-    """Yield the file, piece by piece."""
     title = f'First run of {book.about["robot"]} at {book.about["address"]}'
     yield f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{_text(title)}</title>\n'
     policy = "default-src 'none'; style-src 'unsafe-inline'"
@@ -259,5 +258,5 @@ def _text(value: object) -> str:
 
 
 def packed(trace: bytes) -> str:
-    """Return a pcap file in the form stored in the record."""
+    """Return a pcap file in base64, as in `Entry.trace`."""
     return base64.b64encode(trace).decode('ascii')

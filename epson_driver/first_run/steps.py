@@ -60,7 +60,7 @@ PENDANT_TOLERANCE = 0.05
 """Tolerance between the pendant's values and the joint states, degrees or mm."""
 
 LATE_S = 0.02
-"""Reply time of a STOP, beyond that of TCP's handshake, above which replies count as late, s."""
+"""Replies count as late if the one to a STOP takes this much longer than TCP's handshake, s."""
 
 
 @dataclass
@@ -89,7 +89,7 @@ class Connections:
         return made
 
     def restart(self) -> None:
-        """Clear the traffic of all connections, and continue with the current recorder."""
+        """Clear the traffic of all connections, and use the current TRACE from now on."""
         for made in self._open.values():
             made.restart()
 
@@ -103,7 +103,7 @@ class Connections:
 class FirstRun:
     """The robot to examine, the dialogue with the user, and the collected findings.
 
-    delay: the delay of replies measured so far, s.
+    `delay`: the delay of replies measured so far, s.
     """
 
     question: Question
@@ -128,7 +128,7 @@ class FirstRun:
         return self.question.profile.program.interface == 'statements'
 
     async def state(self) -> Conversation:
-        """Return the connection that receives the state. Raises NoConnectionError."""
+        """Return the connection for the state. Raises NoConnectionError if it cannot be opened."""
         question = self.question
         if not self.remote:
             return await self.connections.to(question.host, question.state_port, sends=True)
@@ -140,7 +140,7 @@ class FirstRun:
         return await self.connections.to(question.host, question.remote_port, make=make)
 
     async def links(self) -> tuple[Conversation, Conversation]:
-        """Return the connections for state and motion. Raises NoConnectionError."""
+        """Return the connections for state and motion. Raises NoConnectionError if one fails."""
         state = await self.state()
         if self.remote:
             return state, state
@@ -152,10 +152,7 @@ Do = Callable[[FirstRun], Awaitable[StepResult]]
 
 @dataclass(frozen=True)
 class Step:
-    """One step.
-
-    says: its explanation. moves: whether it moves the arm.
-    """
+    """One step. `says`: its explanation. `moves`: whether it moves the arm."""
 
     name: str
     says: str
@@ -274,9 +271,10 @@ class EndedError(Exception):
 
 
 async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
-    """Ask until the answer is Enter or y (return True), or starts with `no` (return False).
+    """Ask until the user agrees (return True) or declines (return False).
 
-    Raises EndedError if it starts with q.
+    Enter or y agrees. An answer that starts with the text in `no` declines. Raises EndedError if
+    the answer starts with q.
     """
     while (answer := (await ask(sentence)).strip().lower()) not in ('', 'y', 'yes'):
         if answer.startswith('q'):
@@ -445,7 +443,8 @@ def _numbers(count: int) -> range:
 def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
     """Return the size of the controller's point buffer, as a number of points or a time in s.
 
-    counts: the maximum number of points acknowledged ahead of the arm, for each of `periods`, s.
+    `counts`: the maximum number of points that were acknowledged before the arm reached them, for
+    each of `periods`, the times between points, s.
     """
     if min(counts) < 0.5:
         return {'program.acknowledge': 'default'}  # point to point, which rests at each
@@ -581,7 +580,7 @@ async def _questions(run: FirstRun) -> StepResult:
 
 
 NEED_PROGRAM = ('questions', 'I/O', 'points', 'cable', 'open questions')
-"""Steps that Remote Ethernet alone does not have."""
+"""Names of the steps that are left out for a controller with Remote Ethernet alone."""
 
 LISTEN = 'Listen to the state port. Nothing is sent.'
 LISTEN_REMOTE = 'Ask Remote Ethernet for the status and the joint positions.'
@@ -601,7 +600,7 @@ def _held(status: Status) -> bool:
 def steps(joints: int, *, remote: bool = False) -> list[Step]:
     """Return the steps for an arm with `joints` joints, in their order.
 
-    remote: whether the controller has Remote Ethernet alone.
+    `remote`: whether the controller has Remote Ethernet alone.
     """
     distance = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
     seconds = BACK_AND_FORTH * WAY_S

@@ -41,7 +41,7 @@ REST_S = 0.5
 
 REST_TIMEOUT_S = 15.0
 REPLY_TIMEOUT_S = 5.0
-"""Timeout of a reply beyond the time of its point, s."""
+"""Timeout of a reply in addition to the durations of the points, s."""
 
 MAX_SPEED = 0.1
 """Maximum speed of any joint, rad/s or m/s."""
@@ -63,9 +63,9 @@ class NotMovedError(Exception):
 class TrialMove:
     """Records of one motion. Times: s on the loop's clock.
 
-    sent: times of the points. answers: time and code of each reply, or None without a reply.
-    stopped: the time of a STOP. times (k,), positions (k, n): joint states, rad or m. statuses:
-    each with its time.
+    `sent`: times of the points. `answers`: time and code of each reply, or None without a reply.
+    `stopped`: the time of a STOP. `times`, shape (k,), and `positions`, shape (k, n), rad or m: of
+    the joint states. `statuses`: each STATUS with its time.
     """
 
     sent: list[float] = field(default_factory=list)
@@ -81,9 +81,10 @@ class TrialMove:
 
     @property
     def start(self) -> float | None:
-        """Start time of the motion, or None.
+        """Start time of the motion, or None if the arm did not move.
 
-        Interpolated in the cube root of the distance, which is linear in time at constant jerk.
+        The cube root of the distance is interpolated, because it is linear in time at constant
+        jerk.
         """
         away = np.cbrt(np.abs(self.positions - self.positions[0]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
@@ -108,7 +109,7 @@ class TrialMove:
         return np.asarray(self.positions[-1] - self.positions[0])
 
     def since(self, true: Callable[[Status], bool]) -> float | None:
-        """Return the time of the first STATUS that fulfils `true`, or None."""
+        """Return the time of the first STATUS for which `true` returns True, or None."""
         return next((time for time, status in self.statuses if true(status)), None)
 
 
@@ -123,7 +124,7 @@ async def move_and_record(
 ) -> TrialMove:
     """Move through the targets, shape (n,) each, rad or m, and wait until the arm rests.
 
-    stop_after: time from the first point with motion to a STOP, s. Raises NotMovedError before
+    `stop_after`: time from the first point with motion to a STOP, s. Raises NotMovedError before
     anything is sent if the arm cannot move, or if a target is outside the limits or too fast.
     """
     clock = asyncio.get_running_loop().time
@@ -260,7 +261,7 @@ def _check(
 
 
 async def _rest(state: Conversation, joints: int) -> None:
-    """Wait until the arm has rested for REST_S, or the state ends. Raises NotMovedError."""
+    """Wait until the arm has rested for REST_S, or `state` ends. Raises NotMovedError if late."""
     clock = asyncio.get_running_loop().time
     until = clock() + REST_TIMEOUT_S
     while clock() < until:
@@ -299,7 +300,7 @@ def _take_over(made: TrialMove, state: Conversation, first: int, joints: int) ->
 def ahead(made: TrialMove, joint: int, delay: float) -> float:
     """Return the maximum number of points that were acknowledged before the arm reached them.
 
-    joint: the joint that moved. delay: the delay of replies, s.
+    `joint`: the joint that moved. `delay`: the delay of replies, s.
     """
     if made.start is None:
         return 0.0

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of RC+ projects (.sprj, .pts, IOLabels.dat, UserErrors.dat): a header and value blocks.
 
-Derived from 399 files of 52 public projects. The header contains the size of the file, in bytes
-with CR LF, and the XOR of the little-endian words after the header's line.
+Derived from 399 files of 52 public projects. The header is the first line. It has the size of the
+file, in bytes with CR LF, and the XOR of the little-endian 16-bit words in the remaining lines.
 """
 
 import re
@@ -43,18 +43,21 @@ class Block:
     """Line number of each key in the file; '' is the block itself."""
 
     def blocks(self, prefix: str) -> Iterator['Block']:
-        """Yield the nested blocks whose name is the prefix and a number."""
+        """Yield the nested blocks that are named `prefix` followed by a number."""
         for item in self.items:
             if isinstance(item, Block) and item.name.removeprefix(prefix).isdigit():
                 yield item
 
     def text(self, key: str, usual: str = '') -> str:
-        """Return the string of a key, or `usual` without one."""
+        """Return the string of a key, or `usual` if the key is missing."""
         value = self._value(key)
         return usual if value is None else value.removeprefix('"').removesuffix('"')
 
     def number(self, key: str, usual: float = 0) -> float:
-        """Return the number of a key, or `usual` without one. Raises RcFileError if it is none."""
+        """Return the number of a key, or `usual` if the key is missing.
+
+        Raises RcFileError if the value is not a number.
+        """
         value = self._value(key)
         try:
             return usual if value is None else decimal(value.strip())
@@ -129,7 +132,7 @@ def sealed(body: Block, modified: datetime, mac: str = MAC) -> str:
 
 
 def header_fault(content: bytes) -> str:
-    """Return the error in a file's header, or ''. Its line ends may be LF."""
+    """Return the error in a file's header, or ''. The line ends of `content` may be LF."""
     first, _, rest = content.replace(b'\r\n', b'\n').partition(b'\n')
     result = re.match(rb'ENVT0100,LM:[^,]*,DS:([0-9]{10}),CS:([0-9]{5}),', first)
     if result is None:
@@ -149,7 +152,7 @@ def resealed(content: bytes) -> bytes:
 
 
 def checksum(content: bytes) -> int:
-    """Return the XOR of the little-endian words after the header's line."""
+    """Return the XOR of the little-endian 16-bit words in `content`."""
     words = struct.iter_unpack('<H', content + b'\0' * (len(content) % 2))
     return reduce(xor, (word for (word,) in words), 0)
 

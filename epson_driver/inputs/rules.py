@@ -130,7 +130,7 @@ DECIMAL = re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?')
 
 
 def decimal(text: str) -> float:
-    """Return the finite number in a text of ASCII digits. Raises ValueError."""
+    """Return the finite number in a text of ASCII digits. Raises ValueError for any other text."""
     if not DECIMAL.fullmatch(text) or not math.isfinite(value := float(text)):
         raise ValueError(text)
     return value

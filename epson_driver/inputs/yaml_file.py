@@ -61,7 +61,7 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
 
 
 def yaml_value(text: str, where: str) -> Any:
-    """Return the value of a YAML text, like `read_yaml`. Raises InputError with `where`."""
+    """Return the value of a YAML text. `where`: the name of the value in an InputError."""
     try:
         return _built(text, several=False)
     except (yaml.YAMLError, _WrongError) as error:
@@ -72,7 +72,7 @@ def yaml_value(text: str, where: str) -> Any:
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
     """Return the line number, from 1, of a nested key in a file already read by `read_yaml`.
 
-    If the key is missing, return the line of its deepest existing parent, or None without one.
+    If the key is missing, return the line of its deepest existing parent, or None if it has none.
     """
     try:
         node: Any = yaml.compose(read_file(path, MEGABYTE).decode('utf-8-sig'), Loader=_Loader)

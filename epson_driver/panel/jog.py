@@ -35,7 +35,7 @@ JOINT_FRACTION = 0.25
 """Full jog speed of a joint, as a fraction of its velocity limit, like `servo.scale`."""
 
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
-"""Full jog speeds of the tool: 0.25 m/s (the reduced speed of ISO 10218-1), and rad/s."""
+"""Full jog speeds of the tool, m/s (the reduced speed of ISO 10218-1) and rad/s."""
 
 MAX_TWIST_ERROR = 0.02
 """Maximum deviation of the tool's velocity from the requested one, as a fraction of it. A jog is
@@ -115,7 +115,7 @@ class Jog:
     def straight(self, joints: Array, goal: Array, fraction: float = 1.0) -> Trajectory:
         """Return the straight trajectory in joint space from `joints` to `goal`.
 
-        fraction: fraction of full speed, (0, 1].
+        `fraction`: fraction of full speed, (0, 1].
         """
         return self.along(np.linspace(joints, goal, 9), fraction)
 
@@ -138,7 +138,7 @@ class Jog:
     def along(self, path: Array, fraction: float) -> Trajectory:
         """Return a trajectory along a joint path, at rest at both ends.
 
-        path: shape (k, n). fraction: fraction of full speed, (0, 1].
+        `path`: shape (k, n). `fraction`: fraction of full speed, (0, 1].
         """
         limits = self.model.limits
         path = limits.settled(path)  # an arm at its limit may be measured slightly beyond it
@@ -202,7 +202,7 @@ class Jog:
     def _line(self, joints: Array, displacement: Array) -> Array:
         """Return joints along a straight tool path that starts at `joints`, shape (k, n).
 
-        displacement: translation, m, and rotation vector, rad, in base_link, shape (6,).
+        `displacement`: translation, m, and rotation vector, rad, in base_link, shape (6,).
         """
         start = self.kinematics.forward(joints)
         angle = float(np.linalg.norm(displacement[3:]))

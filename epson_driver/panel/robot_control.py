@@ -276,7 +276,7 @@ class RobotControl:
     def go_to(self, browser: int, name: str, point: Array) -> None:
         """Move slowly and straight, in joint space, to a point.
 
-        point: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
+        `point`: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
         """
         with self.arming.held(browser):
             here, motion = self._here(), self._jog_motion()

@@ -45,9 +45,9 @@ class History:
         self.rows: deque[Row] = deque()
 
     def add(self, now: float, measured: float, positions: Array, error: Array | None) -> None:
-        """Add a sample. error: reference minus position, or None without a running goal.
+        """Add a sample. `error`: reference minus position, or None without a running goal.
 
-        now: the panel's clock, s. measured: time of the sample by the driver's clock, s.
+        `now`: the panel's clock, s. `measured`: time of the sample by the driver's clock, s.
         """
         velocities = self._velocities(measured, positions)
         if self.rows and now - self.rows[-1][0] < PERIOD_S:

@@ -91,7 +91,6 @@ def _first_port(domain: int) -> int:
 
 
 def _bound(address: str, port: int) -> socket.socket:
-    """Return a bound UDP socket. Raises OSError if the port is in use."""
     probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         probe.bind((address, port))
@@ -111,7 +110,7 @@ def ros_environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A running executable of this package. Its stderr (and stdout) are written to a log file."""
+    """A running executable. The log file has its stderr, and its stdout unless that is piped."""
 
     def __init__(
         self,
@@ -143,7 +142,7 @@ class Process:
         return self._popen.poll()
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end and return the exit code. Raises subprocess.TimeoutExpired."""
+        """Wait for the end, and return the exit code. Raises TimeoutExpired after `timeout` s."""
         return self._popen.wait(timeout)
 
     def send(self, number: int) -> None:
@@ -233,7 +232,7 @@ def client(
     run: Sequence[str] = EXECUTABLE,
     **parameters: object,
 ) -> Process:
-    """Start the ROS 2 node for a controller on these ports. `__` in a parameter is a dot."""
+    """Start the ROS 2 node for these ports. `__` in the name of a parameter stands for a dot."""
     values = {
         'motion_port': ports.motion,
         'state_port': ports.state,
@@ -256,7 +255,8 @@ def clients(
 ) -> Process:
     """Start one process that drives several controllers, each in its namespace.
 
-    Writes a parameter file next to the log. `parameters` apply to all; `__` is a dot.
+    Writes a parameter file next to the log. `parameters` apply to all nodes. `__` in a name stands
+    for a dot.
     """
     common = {name.replace('__', '.'): value for name, value in parameters.items()}
     file = log.with_suffix('.yaml')

@@ -103,10 +103,7 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
 
 
 def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:
-    """Return the next value of a stream, or None at its end.
-
-    Raises ValueError if the bytes are invalid.
-    """
+    """Return the next value, or None at the end. Raises ValueError if the bytes are invalid."""
     prefix = stream.read(PREFIX.size)
     if len(prefix) < PREFIX.size:
         return None
@@ -121,17 +118,14 @@ def write_value(stream: BinaryIO, value: object) -> None:
 
 
 async def next_value(stream: asyncio.StreamReader, kinds: Collection[type]) -> Any:
-    """Return the next value of a stream.
-
-    Raises EOFError at its end, ValueError if the bytes are invalid.
-    """
+    """Return the next value. Raises EOFError at the end, ValueError if the bytes are invalid."""
     prefix = await stream.readexactly(PREFIX.size)
     body = await stream.readexactly(body_length(prefix))
     return unpacked(prefix + body, kinds)
 
 
 def _fields(value: Any) -> Any:
-    """Return a dataclass by the name of its type, or a numpy number as a Python number."""
+    """Return a dataclass as {type's name: values of its fields}, or a plain number for numpy's."""
     if isinstance(value, np.generic):
         return value.item()
     try:
@@ -193,7 +187,7 @@ def answer_file() -> BinaryIO:
 
 
 def ending(code: int | None) -> str:
-    """Return a clause about a worker that has ended with this code."""
+    """Return a clause on how a worker ended, given its exit code."""
     if code is not None and code < 0:
         named = -code in {number.value for number in signal.Signals}  # not for real-time signals
         return f'was ended by {signal.Signals(-code).name if named else f"signal {-code}"}'

@@ -97,7 +97,7 @@ TOPICS_TO_RECORD = (
 def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run:
     """Return the run in a bag. `path`: its folder, or its file if it has only one.
 
-    namespace: the namespace of the robot, needed if the bag has several joint_states. Raises
+    `namespace`: the namespace of the robot, needed if the bag has several joint_states. Raises
     RunError if joint states are missing, or if the bag cannot be read.
     """
     maximum = BASE_BYTES + GROWTH * _size(path)

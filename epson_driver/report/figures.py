@@ -25,12 +25,10 @@ LATE_PERIODS = 5.0
 """A joint state is very late after an interval of more than this multiple of the median."""
 
 UNLIKELY_SHARE = 0.3
-"""A velocity that differs from the fit to many samples by more than this fraction of the fit is
-replaced."""
+"""A velocity that differs from the fit to many samples by more than this share is replaced."""
 
 SHORTEST_SHARE = 0.9
-"""Assumed minimum interval at which a controller sends joint states, as a fraction of the median
-interval."""
+"""Minimum interval at which joint states are sent, as a fraction of the median interval."""
 
 CHUNK = 20_000
 """Number of samples fitted together. It bounds the memory."""
@@ -39,11 +37,11 @@ CHUNK = 20_000
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations from estimated sending times, shape (k, m) each.
 
-    sent, came: sending and arrival times, s, shape (k,). positions: shape (k, m). A controller
-    sends periodically, so joint states that arrive in a burst were delayed in transit. Around a
-    very late joint state, the sending times are uncertain. A velocity there that deviates strongly
-    from a fit by arrival times to MAX_NEIGHBOURS samples on either side is replaced by the fit,
-    with its acceleration.
+    `sent`, `came`: sending and arrival times, s, shape (k,). `positions`: shape (k, m). A
+    controller sends periodically, so joint states that arrive in a burst were delayed in transit.
+    Around a very late joint state, the sending times are uncertain. A velocity there that deviates
+    strongly from a fit by arrival times to MAX_NEIGHBOURS samples on either side is replaced by
+    the fit, with its acceleration.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)
@@ -77,9 +75,9 @@ def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
 
     Differences of neighbouring samples would turn the jitter of arrival times into spikes.
 
-    times: shape (k,), s, ascending. positions: shape (k, m). The parabola of a sample is fitted to
-    the samples within HALF_WINDOW_S, and to at least two on either side. Near the ends the window
-    is one-sided. With fewer than five samples all results are 0.
+    `times`: shape (k,), s, ascending. `positions`: shape (k, m). The parabola of a sample is
+    fitted to the samples within HALF_WINDOW_S, and to at least two on either side. Near the ends
+    the window is one-sided. With fewer than five samples all results are 0.
     """
     count = len(times)
     if count < 2 * MIN_NEIGHBOURS + 1:
@@ -118,8 +116,7 @@ STANDSTILL_RAD = 5e-4
 """Displacement of a joint up to which the arm has not moved yet, rad or m."""
 
 MAX_PAIRS = 25_000_000
-"""Maximum number of plan points times number of joint states to compare. Longer motions are
-subsampled."""
+"""Maximum plan points times joint states to compare. Longer motions are subsampled."""
 
 STOP_SHARE = 0.02
 """Speed below which a moving arm is stopped, as a fraction of its top speed."""
@@ -146,10 +143,11 @@ class Timing:
 class Motion:
     """One plan and its execution. Times in s, angles in rad, lengths in m.
 
-    points, planned: number of points and duration of the plan. sent, began: times of the first
-    point and of the first motion. dead_time: from sent to began. moved: duration of the motion.
-    stops: stops during the motion that are not in the plan. waypoint_deviation: largest distance
-    of a point from the path, independent of time. Values are None if the arm did not move.
+    `points`, `planned`: number of points and duration of the plan. `sent`, `began`: times of the
+    first point and of the first motion. `dead_time`: from sent to began. `moved`: duration of the
+    motion. `stops`: stops during the motion that are not in the plan. `waypoint_deviation`:
+    largest distance of a point from the path, independent of time. Values are None if the arm did
+    not move.
     """
 
     sent: float

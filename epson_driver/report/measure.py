@@ -55,7 +55,7 @@ class Figures:
 def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
     """Return the figures of the motion along a trajectory, with its joints in the same order.
 
-    metric: JointLimits.rad_per_unit, shape (n,), needed if some joints are prismatic.
+    `metric`: JointLimits.rad_per_unit, shape (n,), needed if some joints are prismatic.
     """
     if metric is not None:
         trajectory = Trajectory(

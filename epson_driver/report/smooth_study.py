@@ -83,7 +83,7 @@ def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits)
 def _stops(speed: Array, push: Array) -> int:
     """Return the number of stops between start and end that last at least two samples.
 
-    speed, push: usage of the velocity and acceleration limits at each sample.
+    `speed`, `push`: usage of the velocity and acceleration limits at each sample.
     """
     at_rest = (speed < REST_VELOCITY_SHARE) & (push < TURNING_ACCELERATION_SHARE)
     moving = np.flatnonzero(speed >= REST_VELOCITY_SHARE)

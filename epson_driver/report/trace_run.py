@@ -79,8 +79,8 @@ def read_trace(
 ) -> Run:
     """Return the run in a pcap file. If the file is damaged, the run ends there.
 
-    limits: the limits and the names of the robot's joints. Joint states faster than the limits
-    permit are omitted, with an event. controller: the address of the controller, needed if the
+    `limits`: the limits and the names of the robot's joints. Joint states faster than the limits
+    permit are omitted, with an event. `controller`: the address of the controller, needed if the
     file has several. Raises RunError if the file contains no run, InputError if it is unreadable.
     """
     damage: list[str] = []
@@ -126,7 +126,6 @@ class _Reader:
         self._end = 0.0
 
     def take(self, entry: Entry) -> None:
-        """Process the next entry."""
         self._end = entry.time
         role = self._role_of[entry.connection]
         if entry.kind is Kind.OPEN:
@@ -355,7 +354,6 @@ class _Plans:
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 
     def end(self) -> None:
-        """End the current plan, if any."""
         if self._points:
             times = array(self._times)
             latest = np.maximum.accumulate(times)

@@ -35,7 +35,7 @@ ROLE_OF_TYPE = {
     MessageType.IO_WRITE: 'io',
     MessageType.IO_STREAM_SUB: 'io',
 }
-"""Role of a port, by the type of a topic from the controller or of a request to it."""
+"""Role of a port, by the type of a topic that it sends or of a request that it receives."""
 
 
 class MessagesError(ValueError):
@@ -116,10 +116,11 @@ class Splitter:
 
 
 def messages_of(steps: Sequence[Step], controller: str | None = None) -> Messages:
-    """Return the messages of a recording. controller: its IP address, if there are several.
+    """Return the messages of a recording.
 
-    Connections with another protocol than simple message are ignored. Raises MessagesError if
-    there is no controller, if there are several, or if two ports have the same role.
+    `controller`: its IP address, needed if there are several. Connections with another protocol
+    than simple message are ignored. Raises MessagesError if there is no controller, if there are
+    several, or if two ports have the same role.
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
