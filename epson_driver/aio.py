@@ -214,7 +214,7 @@ class Robot(Motions, Streams):
     async def wait_for_input(
         self, index: int, value: int = 1, *, kind: str = 'DI', timeout: float | None = None
     ) -> None:
-        """Wait until an input has a value. `kind` selects other types of I/O points.
+        """Wait until an input has a value. `kind` selects another type of I/O point (docs/io.md).
 
         Raises TimeoutError after `timeout` s, and the exceptions of `io.read`.
         """
@@ -250,8 +250,8 @@ class Robot(Motions, Streams):
     def on_link(self, callback: Callable[[str, str], object]) -> Callable[[], None]:
         """Register a callback for the link state and the reason of its change. See `on_estop`.
 
-        States: disconnected, connecting, connected, backing_off (waiting for the next attempt).
-        It is the state of the worse of the two links.
+        States: disconnected, connecting, connected, backing_off (waiting for the next attempt). If
+        the two links differ, the state is the worse one.
         """
         return self._connection.changes.link.add(callback)
 

@@ -96,7 +96,7 @@ class Arm(Unique):
         return EpsonPoint.of(self.pose_in(BASE))
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's point and the arm's posture, or why the posture is unknown."""
+        """Return the tool's pose, and the arm's posture or the reason why it is unknown."""
         return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments

@@ -3,7 +3,7 @@
 """Connection of a Python Robot to its controller. It runs a driver from `connect` to `close`.
 
 All calls of the public classes pass through a Connection. It checks that the driver is connected,
-that the joints are fresh, and that nothing else moves the arm. Closing it stops the arm first.
+that the joints are fresh, and that nothing else moves the arm. `close` stops the arm first.
 """
 
 import asyncio
@@ -196,7 +196,6 @@ class Connection:
         return [socket.fileno() for socket in sockets] + (simulation.files if simulation else [])
 
     async def _open_trace(self) -> BinaryIO | None:
-        """Open the trace file if the settings name one. Raises RobotError if this fails."""
         folder, name = (self._setup.values[f'trace_{item}'] for item in ('folder', 'file'))
         try:
             return await asyncio.to_thread(open_trace, folder, name) if name else None

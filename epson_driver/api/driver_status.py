@@ -19,7 +19,7 @@ _MODES = {int(Mode.MANUAL): 'manual', int(Mode.AUTO): 'auto'}
 
 
 def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | None:
-    """Return the error that a STATUS reports, or None."""
+    """Return the error that a STATUS reports, or None if it reports no error."""
     if not status.error_code and status.in_error != TriState.TRUE:
         return None
     number = status.error_code
@@ -88,7 +88,7 @@ class Callbacks(Generic[P]):
         self._functions.clear()
 
     def call(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call all functions."""
+        """Call all registered functions with these arguments."""
         for function in list(self._functions):
             try:
                 function(*args, **kwargs)

@@ -67,13 +67,13 @@ class PathError(ArgumentError):
 
 
 def not_started(sentence: str) -> MotionError:
-    """Return the error for a motion that was not started."""
+    """Return the error for a motion that was not started. `sentence`: the reason."""
     return MotionError(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, sentence))
 
 
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
-    """Convert a rejection by the driver, or canceled planning, to MotionError."""
+    """Convert a rejection by the driver, or the end of canceled planning, to MotionError."""
     try:
         yield
     except PlanningEndedError as ended:

@@ -90,7 +90,7 @@ class Gripper(Unique):
         return await _done(self._known().move(opened=True))
 
     async def close(self) -> GripperState:
-        """Close the gripper and return its state: `closed`, or neither if it holds a part.
+        """Close the gripper and return its state, which is not `closed` if it holds a part.
 
         The gripper counts as holding a part if it is neither open nor closed after the wiring's
         `time`. Raises RobotError if it stays open, or if a newer command replaces this one.

@@ -28,7 +28,7 @@ for _name in ('goal', 'servo'):
     logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
 CheckedPath = tuple[Callable[[Array], float], float]
-"""A function that returns the tool's distance from its path, m, for joint positions, shape (n,),
+"""A pair: a function from joint positions, shape (n,), to the tool's distance from its path, m,
 and the maximum distance, m."""
 
 

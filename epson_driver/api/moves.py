@@ -139,10 +139,10 @@ class PathPoint:
     blend: float = 0.0
 
     def segment(self, before: Array, start: Array) -> PosePath:
-        """Return the segment from a pose to this point.
+        """Return the segment from the pose `before` to this point.
 
-        before: the pose, shape (4, 4), m. start: the pose of the tool at the start of the motion.
-        Raises ValueError if the points of an arc do not define one.
+        `before`: shape (4, 4), m. `start`: the pose of the tool at the start of the motion. Raises
+        ValueError if the points of an arc do not define one.
         """
         end = self.pose.in_base_link(start)
         if self.via is None:

@@ -25,7 +25,7 @@ BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The built-in frames: the arm's base_link, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""Tolerance of a rotation matrix. The nearest rotation replaces it."""
+"""Maximum error of a rotation matrix. The nearest exact rotation replaces the matrix."""
 
 MM_SUSPICION = 10.0
 """Multiple of the arm's reach beyond which a position is suspected to be in mm."""
@@ -97,7 +97,7 @@ class Frames:
     """Named frames, stored as poses in base_link, shape (4, 4), m."""
 
     def __init__(self, base: Array, reach: float) -> None:
-        """Store EPSON's world in base_link, shape (4, 4), and the arm's reach, m."""
+        """Store the pose of EPSON's world in base_link, shape (4, 4), and the arm's reach, m."""
         self._poses = {BASE_LINK: np.eye(4), BASE: base}
         self._reach = reach
 
@@ -107,7 +107,7 @@ class Frames:
         return {name: pose.copy() for name, pose in self._poses.items()}
 
     def shown(self, frame: str | None, pose: Pose) -> ShownFrame:
-        """Return the frame in which errors show positions: that of a checked pose.
+        """Return the frame in which error texts show positions: the one in which `pose` is given.
 
         It is base_link for a pose in the tool frame.
         """

@@ -103,7 +103,7 @@ class Recording(Unique):
         return result
 
     def start(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
-        """Start recording. `add` registers a callback and returns a function that removes it."""
+        """Start recording. `add` registers a callback for samples and returns its removal."""
         self._stop = add(self._take)
 
     def plan(self, limits: JointLimits, speed: float) -> Trajectory:
@@ -163,7 +163,7 @@ class Recording(Unique):
 def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
     """Return the indices of the rows that a replay needs, including `anchors`.
 
-    A polyline through these rows is at most 1 away from every row.
+    A polyline through these rows is at most 1 away from every row, in the unit of `rows`.
     """
     indices, open_parts = set(anchors), list(pairwise(anchors))
     while open_parts:

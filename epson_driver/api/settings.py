@@ -15,7 +15,7 @@ ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
 
 
 def setting(name: str, *usual: object) -> Any:
-    """Return a dataclass field for a ROS parameter. `usual`: a default other than its own."""
+    """Return a dataclass field for a ROS parameter. `usual`: a default that replaces its own."""
     row = ROWS[name]
     default = usual[0] if usual else row.default
     return field(

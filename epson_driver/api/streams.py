@@ -3,7 +3,7 @@
 """Methods of a Robot that send streams of setpoints to the driver's servo.
 
 After a stop, the servo only follows again after a pause in the stream. Invalid setpoints are also
-reported to it, because a program that sends them has not paused.
+reported to the servo, because a program that sends them has not paused.
 """
 
 import asyncio
@@ -32,7 +32,8 @@ MAX_JUMP_RAD = 0.5
 """Maximum step of a joint between two pose setpoints. A larger step is rejected."""
 
 OFF_COURSE = 0.02
-"""Deviation from the requested tool velocity, as a fraction of it, that shows a singularity."""
+"""Maximum deviation from the requested tool velocity, as a fraction of it. A larger one means that
+the tool cannot move in this direction."""
 
 
 class Streams(Arm):
@@ -135,7 +136,7 @@ class Streams(Arm):
 
     @contextmanager
     def _received(self) -> Iterator['Servo']:
-        """Yield the servo. Report a ValueError in the block to it, as an invalid setpoint."""
+        """Yield the servo. Report a ValueError in the `with` block to it: an invalid setpoint."""
         servo = self._connection.running.servo
         try:
             yield servo

@@ -55,7 +55,7 @@ def measured(self: Synchronous[Any], ask: Callable[[], T]) -> T:
 def waits(
     method: Callable[Concatenate[A_co, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
-    """Derive a method from a coroutine method. It waits for the result."""
+    """Derive a method that waits for the result of a coroutine method."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         return self._session.run(partial(method, self._awaited, *args, **kwargs))
@@ -117,7 +117,7 @@ class Reading(property, Generic[T]):
 
 
 def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Reading[T]:
-    """Derive a property from a property of an asynchronous class, which `read` returns."""
+    """Derive a property from the one of the asynchronous class `kind` that `read` returns."""
     (name,) = read.__code__.co_names
 
     def get(self: Synchronous[A_co]) -> T:
@@ -130,7 +130,7 @@ def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Readin
 def makes(
     make: Callable[P, A_co],
 ) -> Callable[[Callable[[S, A_co], T]], Callable[Concatenate[S, P], T]]:
-    """Decorate a method that takes an asynchronous object, so that it takes `make`'s arguments.
+    """Decorate a method that takes an asynchronous object: it takes `make`'s arguments instead.
 
     `make` creates the asynchronous object from them.
     """
@@ -212,9 +212,9 @@ class Simulation(Synchronous[AwaitedSimulation]):
 
 
 class Points(Synchronous[AwaitedPoints]):
-    """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
+    """Taught points: a mapping from names, such as pick or P3, to EpsonPoints. Case is ignored.
 
-    Motions to a point use the configuration nearest to the current one, not the file's posture.
+    Motions to a point use the configuration nearest to the current one, not the saved posture.
     """
 
     __getitem__ = calls(AwaitedPoints.__getitem__)

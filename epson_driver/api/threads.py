@@ -135,8 +135,8 @@ class CallbackThread:
     def wrap(self, callback: Callable[..., object]) -> Callable[..., None]:
         """Return a function that queues the callback for this thread and returns immediately.
 
-        Only the event loop's thread may call it. It raises queue.Full if too many callbacks are
-        queued.
+        Only the event loop's thread may call the returned function, which raises queue.Full if too
+        many callbacks are queued.
         """
 
         def put(*args: object) -> None:
@@ -157,7 +157,7 @@ class CallbackThread:
                 self._failed(error)
 
     def close(self) -> None:
-        """Run the queued callbacks and end the thread. Wait for it, except in a callback."""
+        """Run the queued callbacks and end the thread. Wait for its end, except in a callback."""
         self.leave()
         thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():
@@ -229,7 +229,7 @@ class Session:
         return thread.run(work)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Return a function's result. It runs in the event loop, or here if not connected."""
+        """Return a function's result. It runs in the event loop, or in this thread without one."""
         thread = self._thread
         return function() if thread is None else thread.call(function)
 

@@ -90,7 +90,7 @@ class WireEvent(StrEnum):
 
 
 Tap = Callable[[WireEvent, bytes], None]
-"""Called with each step of a connection. SENT and RECEIVED come with the bytes on the wire."""
+"""Called with each step of a connection, and with the bytes on the wire for SENT and RECEIVED."""
 
 
 READ_SIZE_BYTES = 65536
@@ -160,7 +160,6 @@ class Connection(asyncio.BufferedProtocol):
         self._timer: asyncio.Handle | None = None
         self._why: str | None = None
         self._reading_paused = False
-        """Whether reading is paused until received frames are handled."""
 
     def start(self) -> None:
         """Start receiving."""

@@ -127,7 +127,6 @@ class Link:
             self._received, self._dispatch, self._bad_frame, self._on_event
         )
         self._connection: Connection | None = None
-        """The current connection, or None when not connected."""
         self._now: Callable[[], float]
         """The event loop's clock, s, set by `run`, because looking up the loop is slow."""
         self._written: Dialect | None = None
@@ -287,7 +286,6 @@ class Link:
         return PacketFramer(self._byte_order)
 
     async def _serve(self, connection: Connection) -> str:
-        """Receive on a connection until it ends, and return the reason."""
         self._establish()
         connection.start()
         return await connection.ended

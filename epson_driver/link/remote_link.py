@@ -108,7 +108,7 @@ _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Pa
 _SHOWN_CHARACTERS = 60
 
 OnReply = Callable[[str | Exception], None]
-"""Called with the value of a reply, or with the RemoteError or ConnectionError instead."""
+"""Called with the value of a reply, or with a RemoteError or ConnectionError if there is none."""
 
 
 @dataclass(eq=False)

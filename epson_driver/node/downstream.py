@@ -97,7 +97,7 @@ class Downstream:
         return Sent(self, handle)
 
     async def request_result(self, request: Callable[[], Any]) -> Any:
-        """Call `request` in the executor's thread and return the result of its rclpy future."""
+        """Call `request` in the executor's thread. Return the result of the future it returns."""
         done: asyncio.Future[Any] = self._loop.create_future()
 
         def on_done(future: Any) -> None:
@@ -115,7 +115,6 @@ class Downstream:
         return await done
 
     def _cancel_late(self, reply: 'asyncio.Task[Any]') -> None:
-        """Cancel a goal that was accepted after the timeout."""
         if reply.cancelled():
             return
         if (error := reply.exception()) is not None:
@@ -159,7 +158,7 @@ class Sent:
 
 
 class ArmState:
-    """Joint state from `controller_state`, or from `joint_states` if nobody publishes the former.
+    """Joint state from `controller_state` if it has a publisher, else from `joint_states`.
 
     `action`: the resolved name of the driver's action. `controller_state` has the same namespace.
     """

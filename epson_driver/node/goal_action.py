@@ -159,7 +159,7 @@ class ActionType:
 
 @dataclass(eq=False)
 class _Request:
-    """A goal that has no result yet. `handle`: the goal for the queue, None before `prepare`."""
+    """A goal without a result. `handle`: the goal for the queue, or None until `prepare` ends."""
 
     plan: PlanningScope
     handle: Any = None
@@ -195,7 +195,6 @@ class GoalAction:
         return bool(self._requests)
 
     async def _execute(self, ros_handle: ServerGoalHandle) -> Any:
-        """Execute a goal and return its result."""
         key = bytes(ros_handle.goal_id.uuid)
         self._requests[key] = request = _Request(PlanningScope())
         try:
@@ -218,10 +217,6 @@ class GoalAction:
         return self._action.result(outcome)
 
     async def _outcome(self, request: _Request, ros_handle: ServerGoalHandle) -> Outcome:
-        """Prepare and submit a goal, and return its outcome.
-
-        Raises GoalRejectedError if it is rejected, DriverEndedError if the driver has ended.
-        """
         if ros_handle.is_cancel_requested:
             return CANCELED
         prepared = await self._action.prepare(ros_handle, request.plan)

@@ -154,7 +154,6 @@ class GoalServer:
         return partial(GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        """Handle a trajectory from a topic, and log why it is not executed."""
         try:
             self.take_trajectory(message)
         except GoalRejectedError as rejection:

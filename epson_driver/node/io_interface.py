@@ -109,9 +109,9 @@ def refusal(command: Command) -> str:
 class GripperServer:
     """Serves the action `~/gripper_cmd` with a driver's I/O. Must be created in the driver's loop.
 
-    Its type is GripperCommand of control_msgs, which MoveIt's simple controller manager uses. Two
-    outputs open and close the gripper: a position above half of the stroke opens it, any other
-    closes it.
+    The action's type is GripperCommand of control_msgs, which MoveIt's simple controller manager
+    uses. Two outputs open and close the gripper: a position above half of the stroke opens it, any
+    other closes it.
     """
 
     def __init__(self, context: NodeContext, wiring: GripperWiring) -> None:

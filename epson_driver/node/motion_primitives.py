@@ -190,7 +190,7 @@ RETIMED = (
 RESTS = 'must be 0: over Remote Ethernet alone the arm stops after each motion, without timing'
 
 HALF_STEP_S = 1e-4
-"""Tolerance for the time of the point at which a motion ends, s."""
+"""A trajectory point up to this time, s, before the end of a motion counts as its end."""
 
 
 class ToolBusyError(RuntimeError):
@@ -250,10 +250,6 @@ class MotionPrimitives:
     async def _prepare(
         self, ros_handle: ServerGoalHandle, plan: PlanningScope
     ) -> Callable[[OnEnd], GoalHandle]:
-        """Check and plan a sequence, and return a function that creates its handle.
-
-        Raises GoalRejectedError if it is rejected, DriverEndedError if the driver has ended.
-        """
         if self._setup.values['timing'] == 'time_optimal':
             raise _invalid(RETIMED)
         primitives = primitives_from_message(

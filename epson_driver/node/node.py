@@ -242,8 +242,6 @@ class ClientNode:
     def _trigger(
         self, name: str, command: Callable[[], Coroutine[Any, Any, str]]
     ) -> Callable[[Trigger.Request, Trigger.Response], Awaitable[Trigger.Response]]:
-        """Return the callback of a Trigger service that runs a command."""
-
         async def serve(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message = await self._bridge.in_loop(command)

@@ -168,7 +168,6 @@ class PointsInterface:
         return taught(self._primitives.kinematics, robot.sample.positions)
 
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
-        """Move to a point, as a goal of the queue. Raises GoalRejectedError if it is rejected."""
         plan = PlanningScope()
         start = await self._primitives.start_positions(plan)
         arm, statements = self._primitives.kinematics, self._driver.statements

@@ -103,7 +103,7 @@ def polled_subscription(
 
 
 def take(subscription: Any) -> Any:
-    """Return the next message of a polled subscription, or None."""
+    """Return the next message of a polled subscription, or None if no message is pending."""
     with subscription.handle:
         result = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if result is None else result[0]

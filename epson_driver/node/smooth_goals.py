@@ -614,7 +614,7 @@ def _goal_time(goal: ForwardedGoal, duration: float) -> float:
 
 
 def _request(goal: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
-    """Return a goal with the tolerances of `goal` except `goal_time`, s, without a trajectory."""
+    """Return a goal without trajectory, with `goal_time`, s, and other tolerances of `goal`."""
     copied = {
         name: getattr(goal, name)
         for name in goal.get_fields_and_field_types()

@@ -53,7 +53,7 @@ class Executed:
         start: float = 0.0,
         checkpoint: Callable[[float], None] = lambda _: None,
     ) -> Trajectory:
-        """Return the points of the motion from `start` to `end`, s, at which it is at rest.
+        """Return the motion from `start` to `end`, s, as points. The arm must be at rest at `end`.
 
         `longest`: maximum time between two points, s. `checkpoint` is called with each point's
         time, s, and may raise to cancel. Raises ValueError if there would be more than MAX_POINTS.
@@ -94,7 +94,6 @@ class Executed:
 
 
 def _rest_after(executed: ActivePlan | JointMotion) -> Array:
-    """Return the position at rest after a motion, shape (n,)."""
     if isinstance(executed, JointMotion):
         return executed.end
     return executed.path.at(executed.timing.end)[0]

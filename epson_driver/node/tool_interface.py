@@ -174,10 +174,6 @@ class ToolInterface:
         return response
 
     def _apply(self, tool: NamedTool) -> None:
-        """Use a tool, and publish its frame.
-
-        Raises ToolBusyError if a sequence uses the current one, InputError if the name is taken.
-        """
         if self._frames.taken(tool.name, 'tool'):
             raise InputError(f'name = {shown(tool.name)}: must not be the name of a taught point')
         self._primitives.set_tool(tool.pose)

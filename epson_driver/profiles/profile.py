@@ -43,7 +43,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class PortsProfile:
-    """TCP ports of the controller. `remote` (Remote Ethernet) is 0 if a driver cannot use it."""
+    """TCP ports of the controller. `remote`, Remote Ethernet, is 0 if a driver cannot use it."""
 
     motion: int
     state: int

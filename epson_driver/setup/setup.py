@@ -212,7 +212,6 @@ def _configuration(
 
 
 def _gripper_wiring(values: Mapping[str, Any]) -> GripperWiring | None:
-    """Return the wiring of the gripper, or None. Raises InputError if a setting is invalid."""
     outputs, inputs = values['gripper.outputs'], values['gripper.inputs']
     if outputs == inputs == NOT_WIRED:
         return None

@@ -264,7 +264,7 @@ class FixedLayout:
 
 
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
-    """Return a function (pack, *header words, message) that passes all their values to `pack`.
+    """Return a function of `pack`, header words and a message, which calls `pack` with all values.
 
     It is compiled from source, like the methods of a dataclass. Collecting the fields in a flat
     tuple would take as long as packing them.
