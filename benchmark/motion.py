@@ -24,6 +24,7 @@ from benchmark.limit_sets import FACTORS, limit_set, ramp_time
 from benchmark.metrics import Metrics
 from benchmark.references import References, digest
 from benchmark.strategies import STRATEGIES
+from benchmark.stream import mean_jerk
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 from epson_driver.report.smooth_study import Figures
 
@@ -141,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
     for line in (*summary(cases), ''):
         print(line)
     missed = [text for case in cases for text in case.errors]
-    for line, met in judged(cases):
+    for line, met in (*judged(cases), *behind_a_stream()):
         print(line)
         missed += [] if met else [line]
     for figures in runs:
@@ -271,6 +272,18 @@ def judged(cases: list[Case]) -> Iterator[tuple[str, bool]]:
             ),
             met,
         )
+
+
+STREAM_BARS = {0.0: 0.05, 2e-4: 0.1}
+"""Noise of a stream, rad rms → bar of the arm's mean jerk as a fraction of its limit."""
+
+
+def behind_a_stream() -> Iterator[tuple[str, bool]]:
+    """Yield a line for the jerk of an arm that follows setpoints, and whether the bar is met."""
+    for noise, most in STREAM_BARS.items():
+        jerk = mean_jerk(noise)
+        what = f'mean jerk behind a stream with {1e3 * noise:g} mrad of noise'
+        yield f'{what:50} required {most:<8.4g} found {jerk:<9.4g}', jerk <= most
 
 
 def _family(figures: FamilyFigures) -> str:

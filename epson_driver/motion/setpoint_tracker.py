@@ -208,11 +208,12 @@ class SetpointTracker:
         jerk = _towards(target, state, dt)
         self._execute(self._stepped(state, dt, jerk, fastest, self._low, self._high), final=False)
 
-    def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
+    def brake(self, target: Array | None = None, speed: float | Array = 1.0) -> None:
         """Come to rest, at `target`, shape (n,), if possible.
 
         Stop as fast as possible instead if there is no target, or if this takes over RETURN_S
-        less. `speed`: fraction (0, 1] of the velocity limits for the motion to the target.
+        less. `speed`: fraction (0, 1] of the velocity limits for the motion to the target,
+        for all joints or for each, shape (n,).
         """
         if self._final:
             return
@@ -225,6 +226,18 @@ class SetpointTracker:
             if to_target is not None and to_target.duration <= motion.duration + RETURN_S:
                 motion = to_target
         self._execute(motion, final=True)
+
+    def land(self, target: Array, margin: float) -> None:
+        """Come to rest at `target`, shape (n,), gently if this passes it by at most `margin`.
+
+        If no move to the target respects the limits now, the current motion continues.
+        """
+        rest = np.zeros_like(target)
+        aim = ServoTarget(target, rest, rest, target - margin, target + margin)
+        if not self._moves_to_constant(target, aim):
+            motion = fastest_move(self.limits, self.state, target)
+            if motion is not None:
+                self._execute(motion, final=True)
 
     def _moves_to_constant(self, target: Array, aim: ServoTarget) -> bool:
         """Start the final motion to a constant target, if it is short and within the bounds.

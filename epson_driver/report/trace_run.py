@@ -326,7 +326,9 @@ class _Plans:
 
     def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
         """Add a point, and return whether it is the first of a new plan."""
-        if point.sequence < 0 or (point.sequence == self._last and point.sequence):
+        starts_stream = point.sequence == SpecialSequence.START_TRAJECTORY_STREAMING
+        sequence = 0 if starts_stream else point.sequence
+        if sequence < 0 or (sequence == self._last and sequence):
             return False  # a special sequence, or a repeated point
         if isinstance(point, JointTrajPtFull):
             positions, seconds = point.positions, point.time
@@ -335,16 +337,16 @@ class _Plans:
         if not all(map(math.isfinite, (*positions, seconds))):
             return False
         again = len(self._points) == 1 and self._same(point)
-        first = not self._points or (point.sequence == 0 and not again)
+        first = not self._points or (sequence == 0 and not again)
         if first:
             self.end()
             self._sent = time
-        elif point.sequence == 0:
+        elif sequence == 0:
             return False
         if not isinstance(point, JointTrajPtFull):  # relative to the previous point
             seconds = 0.0 if first else self._times[-1] + seconds
         self._times.append(seconds)
-        self._last = point.sequence
+        self._last = sequence
         self._points.append(positions[: self._joints])
         return first
 

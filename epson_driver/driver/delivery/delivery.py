@@ -39,7 +39,8 @@ class DeliveryRules:
     JOINT_TRAJ_PT the controller uses. speed: speed of a controller that uses neither. slowest:
     minimum speed of the controller. Both are fractions of the maximum. buffer: maximum number of
     points of a download. dead_time: start delay of a download per point, s. power: motor power
-    that SPEL+ statements set. docs/controllers.md describes the values.
+    that SPEL+ statements set. announces_streams: a stream of setpoints starts with the sequence
+    START_TRAJECTORY_STREAMING instead of 0. docs/controllers.md describes the values.
     """
 
     interface: Interface = 'streaming'
@@ -51,6 +52,7 @@ class DeliveryRules:
     dead_time: float = 0.0
     power: Literal['high', 'low'] = 'low'
     slowest: float = 0.0
+    announces_streams: bool = False
 
 
 @dataclass(frozen=True)

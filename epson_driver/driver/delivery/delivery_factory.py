@@ -47,5 +47,6 @@ def delivery_rules(
         buffer=download.buffer,
         dead_time=download.dead_time,
         power=profile.motion.power,
+        announces_streams=profile.error_texts == 'epson',  # other programs may refuse it
         slowest=WHOLE_PERCENT if profile.spel.project or usual == 'statements' else 0.0,
     )

@@ -31,6 +31,7 @@ from epson_driver.simple_message import (
     MotionCtrl,
     MotionReply,
     Packet,
+    SpecialSequence,
 )
 from epson_driver.simple_message.motoman import Command, Result
 
@@ -63,6 +64,8 @@ class Streaming(Delivery):
         (point,) = trajectory_points(
             target, step.positions[0], self._limits, self._mapping, self._rules.uses
         )
+        if not sequence and self._rules.announces_streams:
+            sequence = SpecialSequence.START_TRAJECTORY_STREAMING
         return replace(point, sequence=sequence)
 
 

@@ -67,11 +67,16 @@ CYCLE_S = 0.02
 MAX_STEP_S = 0.2
 """Maximum time that one point covers, s, even if the controller replies later."""
 
-DURATION_FRACTION = 0.8
-"""Duration sent with a point, as a fraction of the time that the point covers. A controller that
-started late can therefore catch up. The tracker is slower by the same fraction, so that the arm
-does not exceed the permitted speed. The fraction is larger if a point would otherwise be faster
-than `_Session.fastest`."""
+MIN_DURATION_FRACTION = 0.8
+"""Minimum duration sent with a point, as a fraction of the time that the point covers. The
+tracker is slower by the same fraction, so that the arm does not exceed the permitted speed."""
+
+USUAL_LAG_S = 0.08
+"""Lag of the arm behind the points sent that is not corrected, s."""
+
+LAG_CORRECTION = 1.5
+"""Rate at which a longer lag is corrected, 1/s. Durations are shortened by this number times the
+excess. It is low, because the arm is faster by the same fraction."""
 
 STOP_WITHIN_S = 0.3
 """Maximum stopping time of the arm with the full limits, s. It limits the speed of the arm."""
@@ -370,7 +375,7 @@ class Servo:
         standstill = Standstill(now)
         standstill.expect(None)
         reduced = servo_limits(limits, self.settings.scale, STOP_WITHIN_S)
-        reduced = replace(reduced, velocity=DURATION_FRACTION * reduced.velocity)
+        reduced = replace(reduced, velocity=MIN_DURATION_FRACTION * reduced.velocity)
         tracker = SetpointTracker(reduced, start)
         session = _Session(
             setpoint,
@@ -578,7 +583,8 @@ class Servo:
         if silent or factor == 0.0:
             session.braked |= silent and not tracker.at_rest
             at_last = self.settings.timeout > FRESH_S and session.behind <= LEFT_BEHIND_S
-            tracker.brake(setpoint.positions if at_last and factor > 0.0 else None, factor)
+            fastest = self._fastest(session, factor)
+            tracker.brake(setpoint.positions if at_last and factor > 0.0 else None, fastest)
             tracker.step(dt)
         elif session.reference is not None:
             target, speed = self._target(session, session.reference, now, dt, step, factor)
@@ -599,24 +605,33 @@ class Servo:
         dt: float,
         step: float,
         factor: float,
-    ) -> tuple[ServoTarget, Array]:
+    ) -> tuple[ServoTarget, Array | float]:
         """Return the target at `now`, and the maximum speed as fractions of the limits.
 
         The target in a window is ahead of `now` by the arm's lag. The maximum speed is `catch_up`
         times the stream's speed, for each joint separately, so that the arm stays approximately on
         the path of the stream.
         """
-        limits = session.tracker.limits
-        stream_speed = np.maximum(session.pace.fastest(), MIN_SPEED_FRACTION * limits.velocity)
-        session.fastest = self.settings.catch_up * stream_speed
-        slack = DURATION_FRACTION if session.waited else 1.0
-        speed = np.minimum(session.fastest / slack / limits.velocity, factor)
+        speed = self._fastest(session, factor)
         if session.setpoint.window is None:
             return session.filter.aim(now, dt - step), speed
         age = now - session.received
         end = reference.reach + MAX_EXTRAPOLATION_S
         time = max(min(age + session.lag.behind, end), age)
-        return reference.aim(time, step, limits), speed
+        return reference.aim(time, step, session.tracker.limits), speed
+
+    def _fastest(self, session: _Session, factor: float) -> Array | float:
+        """Return the maximum speed of the tracker as a fraction of each limit, and store it.
+
+        A stream of positions is followed at most at `catch_up` times its own speed.
+        """
+        if session.reference is None:
+            return factor
+        limit = session.tracker.limits.velocity
+        stream_speed = np.maximum(session.pace.fastest(), MIN_SPEED_FRACTION * limit)
+        session.fastest = self.settings.catch_up * stream_speed
+        slack = MIN_DURATION_FRACTION if session.waited else 1.0
+        return np.minimum(session.fastest / slack / limit, factor)
 
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float
@@ -626,7 +641,8 @@ class Servo:
         Raises GoalRejectedError if the point exceeds a limit, or if the controller cannot follow
         setpoints.
         """
-        fraction = DURATION_FRACTION
+        late = max(session.lag.behind - USUAL_LAG_S, 0.0)
+        fraction = max(1.0 - LAG_CORRECTION * late, MIN_DURATION_FRACTION)
         if session.fastest is not None and span > 0.0 and not session.waited:
             speeds = np.abs([session.sent_velocity, velocity, (position - session.sent) / span])
             fraction = min(max(fraction, float((speeds / session.fastest).max())), 1.0)

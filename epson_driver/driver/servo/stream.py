@@ -216,7 +216,12 @@ class StreamFilter:
         stop = stopping_distance(limits, abrupt) + abrupt * (self._usual_age - lag)
         # the same delay for all joints, so that they stay on their line
         distance = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
-        beyond = np.maximum(stopping_distance(limits, speed) + speed * (age - lag) - distance, 0.0)
+        # a stop first ends the acceleration, which is certain in gentle streams only
+        gain = np.where(self._abrupt > 0.0, 0.0, np.sign(velocity) * acceleration)
+        ends = np.clip(gain, 0.0, limits.acceleration) / limits.jerk
+        before_stop = ends * (speed + limits.jerk * ends**2 / 3.0)
+        stop = before_stop + stopping_distance(limits, speed + limits.jerk * ends**2 / 2.0)
+        beyond = np.maximum(stop + speed * (age - lag) - distance, 0.0)
         low = shown.min(axis=0) - PASSED - np.where(velocity < 0.0, beyond, 0.0)
         high = shown.max(axis=0) + PASSED + np.where(velocity > 0.0, beyond, 0.0)
         position = np.clip(position, low, high) - np.sign(velocity) * distance
@@ -436,7 +441,9 @@ class StreamSpeedEstimator:
         )
         span = max(time - before.time, PACE_SPAN_S)
         speed = np.maximum(np.abs(position - before.position) / span, reference.fastest)
-        self._passed -= len(self._path) == self._path.maxlen
+        if len(self._path) == self._path.maxlen:  # the arm may still have to pass the first state
+            self._passed -= 1
+            self._path[1].speed = np.maximum(self._path[0].speed, self._path[1].speed)
         self._path.append(_StreamState(time, position, speed))
 
     def lag(self, time: float, position: Array) -> float:

@@ -32,7 +32,8 @@ class Point:
     `target` has shape (n,), rad, within the limits. `velocity` is a fraction (0, 1] of the joints'
     speed, `duration` the time from the previous point, s. In both, 0 means not specified. `cp`
     selects whether the motion may blend into the next one (None: the executor's default). `path`
-    replaces the straight line in joint space. A motion with a `path` never blends.
+    replaces the straight line in joint space. A motion with a `path` never blends. `setpoint`: a
+    stream of setpoints starts with the point.
     """
 
     sequence: int
@@ -41,6 +42,7 @@ class Point:
     duration: float
     cp: bool | None = None
     path: PathMotion | None = None
+    setpoint: bool = False
 
 
 class Executor(Protocol):

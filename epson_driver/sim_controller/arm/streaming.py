@@ -19,6 +19,7 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.arm.setpoint_follower import SetpointFollower
 
 
 @dataclass(slots=True)
@@ -98,6 +99,9 @@ class Planner(Protocol):
 class Streaming:
     """An arm that moves smoothly through streamed points within its limits.
 
+    The smoother plans the motion through the points of a trajectory. The setpoints of a stream
+    that starts at rest are followed instead, see `SetpointFollower`, until a trajectory starts.
+
     Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
     are known ahead of the arm, and none during a hold or while it brakes.
 
@@ -165,6 +169,7 @@ class Streaming:
             latency=self._latency.value,
             planner=None,
         )
+        self._follower: SetpointFollower | None = None
         self._discard_request()
         self._goal: Array | None = None
         if self._paused:
@@ -172,9 +177,13 @@ class Streaming:
         self._update_output()
 
     def _update_output(self) -> None:
-        motion = self._smoother.motion
-        self._position = motion.position
-        self._velocity = motion.velocity
+        motion = self._smoother.motion if self._follower is None else self._follower.state
+        self._position, self._velocity, _ = motion
+
+    @property
+    def _source(self) -> Smoother | SetpointFollower:
+        """The source of the motion."""
+        return self._smoother if self._follower is None else self._follower
 
     @property
     def position(self) -> Array:
@@ -189,12 +198,12 @@ class Streaming:
     @property
     def moving(self) -> bool:
         """Whether the arm moves, has points to execute, or rests for a commanded time."""
-        return self._smoother.moving
+        return self._source.moving
 
     @property
     def at_rest(self) -> bool:
         """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
-        return not self.moving or (self._paused and self._smoother.at_rest)
+        return not self.moving or (self._paused and self._source.at_rest)
 
     @property
     def has_room(self) -> bool:
@@ -202,8 +211,8 @@ class Streaming:
         if self._paused or self._braking:
             return False
         return (
-            self._smoother.points_ahead < self._look_ahead_points
-            and self._smoother.look_ahead < self._look_ahead
+            self._source.points_ahead < self._look_ahead_points
+            and self._source.look_ahead < self._look_ahead
         )
 
     @property
@@ -216,10 +225,15 @@ class Streaming:
 
         Raises ValueError if the target is not within the limits.
         """
+        starts = point.sequence == 0
+        if starts and not self.moving and (point.setpoint or self._follower is not None):
+            self._reset(self._position)
+            if point.setpoint:
+                self._follower = SetpointFollower(self._smoother.limits, self._position)
         self._apply_power()
-        if point.sequence == 0:
-            self._smoother.finish()
-        self._smoother.append(point.target, self._duration(point))
+        if starts:
+            self._source.finish()
+        self._source.append(point.target, self._duration(point))
         self._goal = point.target
         self._accepted_points += 1
 
@@ -230,9 +244,9 @@ class Streaming:
         """
         lost = self.moving and not self._braking
         self._accepted_points = self.started_points
-        self._smoother.stop()
+        self._source.stop()
         self.resume()
-        self._braking = self._smoother.moving
+        self._braking = self._source.moving
         self._discard_request()
         self._goal = None
         return lost
@@ -244,13 +258,13 @@ class Streaming:
         """
         if not self._paused:
             self._paused = True
-            self._smoother.hold()
+            self._source.hold()
             self._discard_request()
 
     def resume(self) -> None:
         """Resume after `hold`, towards the same points. The motion ends later by the pause."""
         self._paused = False
-        self._smoother.resume()
+        self._source.resume()
 
     def set_position(self, position: Array) -> None:
         """Set the position, shape (n,), rad, after the arm was moved without power.
@@ -268,15 +282,15 @@ class Streaming:
         """Advance by `dt` ≥ 0 s, and request a plan if one is needed."""
         self._now += dt
         violations = self._smoother.violations
-        self._smoother.step(dt)
+        self._source.step(dt)
         self._update_output()
         if self._smoother.violations > violations:
             self._on_limit_violation()
-        self._braking = self._braking and self._smoother.moving
-        ahead = max(self._smoother.points_ahead - 1, 0)
+        self._braking = self._braking and self._source.moving
+        ahead = max(self._source.points_ahead - 1, 0)
         self.started_points = max(self.started_points, self._accepted_points - ahead)
         self._apply_power()
-        if self._request is None and self._planner.ready:
+        if self._follower is None and self._request is None and self._planner.ready:
             request = self._smoother.request()
             if request is not None:
                 self._request = request
@@ -294,8 +308,8 @@ class Streaming:
     def _apply_power(self) -> None:
         """Apply the limits of low or high power if the arm is at rest."""
         limits = self._power_limits[self.low_power]
-        if limits is not self._smoother.limits and self._smoother.at_rest:
-            self._smoother.change_limits(limits)
+        if limits is not self._source.limits and self._source.at_rest:
+            self._source.change_limits(limits)
             self._discard_request()
 
     def _discard_request(self) -> None:

@@ -4,7 +4,8 @@
 
 The rules (REP-I0006 where specified, otherwise the thesis' program):
 * A point is a JOINT_TRAJ_PT request. Its sequence is 0 for a new trajectory, or one more than the
-  sequence of the last accepted point. -2 (START_TRAJECTORY_STREAMING) is equivalent to 0. In
+  sequence of the last accepted point. -2 (START_TRAJECTORY_STREAMING) is equivalent to 0, but
+  smooth motion follows the points as setpoints instead of planning through them. In
   point-to-point motion, the reply follows when the arm is at rest at the point. In smooth motion
   it follows when the look-ahead buffer has room for the point, which provides the flow control.
 * Points that arrive earlier wait. All are answered in the order of arrival.
@@ -287,7 +288,9 @@ class MotionProgram:
     def _point(self, point: JointTrajPt, sequence: int) -> Point:
         velocity = point.velocity if self._used.velocity else 0.0
         duration = point.duration if self._used.duration else 0.0
-        return Point(sequence, target_of(point, self._limits), velocity, duration)
+        setpoint = point.sequence == STREAMING
+        target = target_of(point, self._limits)
+        return Point(sequence, target, velocity, duration, setpoint=setpoint)
 
     # Downloads.
 

@@ -91,3 +91,40 @@ async def test_higher_catch_up_allows_a_higher_speed():
         servo.settings = replace(servo.settings, catch_up=4.0)
         _, speed_ratio = await followed(harness, STREAMS['positions'], stalled_driver=False)
         assert 2.0 < speed_ratio < 4.2
+
+
+PLAN = np.array([0.3, 0.15, -0.2, 0.1, 0.15, -0.3])
+"""rad: a displacement in MOVES_S that starts and ends at rest."""
+
+STALLS = ((2.5, 0.6), (3.3, 0.5))
+"""Pauses of the sender: start and duration, s."""
+
+
+def planned(time):
+    x = min(max(time / MOVES_S, 0.0), 1.0)
+    share, rate = x**3 * (10.0 - 15.0 * x + 6.0 * x * x), 30.0 * x**2 * (1.0 - x) ** 2
+    return PLAN * share, PLAN * rate / MOVES_S
+
+
+@pytest.mark.parametrize('shape', ['positions', 'windows'])
+async def test_two_stalls_before_the_end_are_caught_up_at_limited_speed(shape):
+    async with cell(smooth=True) as (harness, _):
+        start = now()
+        while (time := now() - start) < MOVES_S + 2.0:
+            if not any(begin <= time < begin + pause for begin, pause in STALLS):
+                harness.driver.servo.take(
+                    positions(planned(time)[0])
+                    if shape == 'positions'
+                    else window(lambda ahead, time=time: planned(time + ahead))
+                )
+            await asyncio.sleep(PERIOD_S)
+        samples = [sample for _, sample in harness.events.samples]
+        far = [np.abs(sample.positions - PLAN).max() > 1e-3 for sample in samples]
+        arrived = max(
+            sample.measured for sample, is_far in zip(samples, far, strict=True) if is_far
+        )
+        assert arrived - start - MOVES_S < 3.0 * STALLS[-1][1]
+        later = [sample for sample in samples if sample.measured > start + STALLS[0][0]]
+        fastest = np.abs([sample.velocities for sample in later]).max(axis=0)
+        own = np.abs(planned(STALLS[0][0])[1])
+        assert (fastest / own).max() < 1.05 * harness.driver.servo.settings.catch_up
