@@ -13,7 +13,7 @@ from numpy.polynomial import chebyshev
 
 from benchmark.exact_extrema import NODES, Extrema, Spans, State, both_ends, executed_spans
 from epson_driver.motion import Array, JointLimits
-from epson_driver.motion.joint_motion import JointMotion, JointStop
+from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.sim_controller.arm.executor import Motion
@@ -75,7 +75,7 @@ class ArmLimits:
             if motion is not None:
                 self.judge_whole(motion, None)
 
-    def judge_whole(self, motion: Motion | JointStop, before: State | None) -> None:
+    def judge_whole(self, motion: Motion | JointMotion, before: State | None) -> None:
         """Judge a whole motion until its end at rest."""
         if motion.duration > SHORT_S:
             spans = spans_of(motion.at, cuts(motion, 0.0, 0.0, motion.duration))
@@ -196,7 +196,7 @@ def spans_of(at: At, instants: Array) -> Spans:
     return durations, derivatives, *both_ends(durations, derivatives)
 
 
-def cuts(motion: Motion | JointStop, begin: float, since: float, until: float) -> Array:
+def cuts(motion: Motion | JointMotion, begin: float, since: float, until: float) -> Array:
     """Return both ends, and the instants between at which its jerk may jump, s."""
     result = begin + np.array(_jumps(motion))
     return np.concatenate([[since], result[(result > since) & (result < until)], [until]])
@@ -212,13 +212,9 @@ def _jumps(motion: Any) -> list[float]:
             for part in motion._parts  # noqa: SLF001
             for time in [*_jumps(part.move), 0.0, part.move.duration]
         ]
-    if isinstance(motion, JointStop):
-        profiles = [trajectory.profiles[0][0] for trajectory in motion.trajectories]
-        return [
-            float(time)
-            for profile in profiles
-            for time in np.cumsum([*profile.brake.t, *profile.t])
-        ]
+    if isinstance(motion, JointMotion):
+        jumps: list[float] = motion.times.ravel().tolist()
+        return jumps
     if isinstance(motion, CurveMotion):
         return _passages(motion)
     times: list[float] = motion.pieces.times.tolist()

@@ -19,78 +19,7 @@ MIN_REVERSAL = 1e-9
 """Distance of the first of these targets from the position limit, rad."""
 
 STOP_TOLERANCE = 1e-12
-"""Excess of a position limit that counts as rounding in a JointStop, rad."""
-
-
-class JointStop:
-    """The fastest stop of each joint separately, as a function of the time since its start.
-
-    A joint whose fastest stop would pass its position limit brakes harder, reverses, and comes to
-    rest within the limit. `duration` is in s. `end` are the final positions, shape (n,), rad.
-    """
-
-    def __init__(self, trajectories: list[RuckigTrajectory]) -> None:
-        self.trajectories = trajectories
-        self.duration: float = max(trajectory.duration for trajectory in trajectories)
-        self.end: Array = np.array(
-            [trajectory.at_time(trajectory.duration)[0][0] for trajectory in trajectories]
-        )
-
-    def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
-        if time >= self.duration:
-            zeros = np.zeros_like(self.end)
-            return self.end.copy(), zeros, zeros.copy()
-        states = np.array(
-            [
-                trajectory.at_time(min(max(time, 0.0), trajectory.duration))
-                for trajectory in self.trajectories
-            ]
-        )
-        return states[:, 0, 0], states[:, 1, 0], states[:, 2, 0]
-
-
-def stop_joints(
-    limits: JointLimits, position: Array, velocity: Array, acceleration: Array
-) -> JointStop:
-    """Return the JointStop from a state within the limits, shapes (n,)."""
-    states = zip(position, velocity, acceleration, strict=True)
-    return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
-
-
-def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) -> RuckigTrajectory:
-    low = min(limits.position_min[joint], state[0]) - STOP_TOLERANCE
-    high = max(limits.position_max[joint], state[0]) + STOP_TOLERANCE
-    inp = InputParameter(1)
-    inp.max_velocity = [limits.velocity[joint]]
-    inp.max_acceleration = [limits.acceleration[joint]]
-    inp.max_jerk = [limits.jerk[joint]]
-    (inp.current_position, inp.current_velocity, inp.current_acceleration) = (
-        [value] for value in state
-    )
-    inp.target_velocity = [0.0]
-    inp.control_interface = ControlInterface.Velocity
-    trajectory = solve(inp)
-    if _within(trajectory, low, high):
-        return trajectory
-    end = trajectory.at_time(trajectory.duration)[0][0]
-    limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
-    inp.control_interface = ControlInterface.Position
-    for attempt in range(MAX_ATTEMPTS):
-        target = limit + inward * MIN_REVERSAL * 2.0**attempt
-        if not low <= target <= high:
-            break
-        inp.target_position = [target]
-        reversal = calculated(inp)
-        if reversal is not None and _within(reversal, low, high):
-            return reversal
-    return trajectory
-
-
-def _within(trajectory: RuckigTrajectory, low: float, high: float) -> bool:
-    (extrema,) = trajectory.position_extrema
-    return bool(extrema.min >= low and extrema.max <= high)
-
+"""Excess of a position limit that counts as rounding in a stop, rad."""
 
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
@@ -210,11 +139,55 @@ def _between(times: Array, durations: Array) -> Array:
     return between
 
 
+def stop_joints(limits: JointLimits, state: State) -> JointMotion:
+    """Return the fastest stop of each joint separately, from a state within the limits.
+
+    A joint whose fastest stop would pass its position limit brakes harder, reverses, and comes to
+    rest within the limit.
+    """
+    joints = enumerate(zip(*state, strict=True))
+    return motion_of(state, [_stop(limits, joint, own) for joint, own in joints])
+
+
+def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) -> RuckigTrajectory:
+    low = min(limits.position_min[joint], state[0]) - STOP_TOLERANCE
+    high = max(limits.position_max[joint], state[0]) + STOP_TOLERANCE
+    inp = InputParameter(1)
+    inp.max_velocity = [limits.velocity[joint]]
+    inp.max_acceleration = [limits.acceleration[joint]]
+    inp.max_jerk = [limits.jerk[joint]]
+    (inp.current_position, inp.current_velocity, inp.current_acceleration) = (
+        [value] for value in state
+    )
+    inp.target_velocity = [0.0]
+    inp.control_interface = ControlInterface.Velocity
+    trajectory = solve(inp)
+    if _within(trajectory, low, high):
+        return trajectory
+    end = trajectory.at_time(trajectory.duration)[0][0]
+    limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
+    inp.control_interface = ControlInterface.Position
+    for attempt in range(MAX_ATTEMPTS):
+        target = limit + inward * MIN_REVERSAL * 2.0**attempt
+        if not low <= target <= high:
+            break
+        inp.target_position = [target]
+        reversal = calculated(inp)
+        if reversal is not None and _within(reversal, low, high):
+            return reversal
+    return trajectory
+
+
+def _within(trajectory: RuckigTrajectory, low: float, high: float) -> bool:
+    (extrema,) = trajectory.position_extrema
+    return bool(extrema.min >= low and extrema.max <= high)
+
+
 def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
     """Return the fastest stop in which all joints end together, within the limits.
 
     If a joint would leave its position limits, all joints stop independently, as fast as each can.
-    If a joint would still leave them, it reverses (see JointStop).
+    If a joint would still leave them, it reverses (see `stop_joints`).
     """
     motion = None
     for motion in _stops(limits, state):
@@ -234,7 +207,7 @@ def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
         motion = _solved(inp, state)
         if motion is not None:
             yield motion
-    yield motion_of(state, stop_joints(limits, *state).trajectories)
+    yield stop_joints(limits, state)
 
 
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:

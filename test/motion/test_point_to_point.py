@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.motion.joint_motion import JointStop, stop_joints
+from epson_driver.motion.joint_motion import JointMotion, stop_joints
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits
@@ -330,7 +330,7 @@ def test_pieces_reproduce_the_motion() -> None:
 # ---- independent stops of the joints
 
 
-def check_stop(stop: JointStop, state: tuple[Array, Array, Array]) -> None:
+def check_stop(stop: JointMotion, state: tuple[Array, Array, Array]) -> None:
     """Assert that a stop starts in a state, respects the limits, and ends at rest."""
     for now, before in zip(stop.at(0.0), state, strict=True):
         np.testing.assert_allclose(now, before, rtol=1e-12, atol=1e-12)
@@ -352,7 +352,7 @@ def check_stop(stop: JointStop, state: tuple[Array, Array, Array]) -> None:
 def test_inv3_every_joint_stops_as_fast_as_possible() -> None:
     velocity = 0.8 * LIMITS.velocity * [1, -1, 1, -1, 1, 0]
     state = ((LOW + HIGH) / 2.0, velocity, np.zeros(JOINTS))
-    stop = stop_joints(LIMITS, *state)
+    stop = stop_joints(LIMITS, state)
     check_stop(stop, state)
     times = [
         ramp(abs(v), a, j)
@@ -373,7 +373,8 @@ def test_inv3_joint_that_cannot_stop_before_its_limit_returns(share: float, side
     position, velocity, acceleration = (np.zeros(JOINTS) for _ in range(3))
     position[0] = limit[0] - side * room
     velocity[0], acceleration[0] = side * fastest, -side * LIMITS.acceleration[0]
-    stop = stop_joints(LIMITS, position, velocity, acceleration)
-    check_stop(stop, (position, velocity, acceleration))
+    state = position, velocity, acceleration
+    stop = stop_joints(LIMITS, state)
+    check_stop(stop, state)
     assert stop.duration < 2.0
     assert abs(stop.end[0] - limit[0]) < 0.6

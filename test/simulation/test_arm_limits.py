@@ -56,7 +56,7 @@ def curve():
 MOTIONS = {
     'a line': lambda: line()[0],
     'a stop on a line': lambda: line()[0].stop(0.2),
-    'a stop of each joint': lambda: stop_joints(LIMITS, *line()[1]),
+    'a stop of each joint': lambda: stop_joints(LIMITS, line()[1]),
     'two lines that overlap': lambda: JointMoves(
         START,
         [

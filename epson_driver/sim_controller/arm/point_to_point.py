@@ -24,13 +24,13 @@ from typing import Literal
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.motion.joint_motion import JointStop, stop_joints
+from epson_driver.motion.joint_motion import JointMotion, stop_joints
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
 from epson_driver.sim_controller.arm.executor import Motion, PathMotion, Point
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.sim_controller.arm.overlap import blend_start
 
-Stop = Motion | JointStop
+Stop = Motion | JointMotion
 
 
 @dataclass(slots=True, eq=False)
@@ -442,7 +442,7 @@ class PointToPoint:
         if len(started) == 1:
             motion: Stop = started[0].motion.stop(self._now - started[0].start)
         else:
-            motion = stop_joints(self.limits, *self._state())
+            motion = stop_joints(self.limits, self._state())
         self._segments.clear()
         self._brake = Brake(motion, self._now)
         if motion.duration == 0.0:
