@@ -21,8 +21,8 @@ NO_TEXTS = 'none'
 class ErrorText(NamedTuple):
     """Meaning and remedy of an error number, and their source.
 
-    `confirmed`: whether a document confirms both. `source`: a keyword that the comment at the top
-    of the file explains.
+    `confirmed`: whether a document confirms both. `source`: a keyword, explained at the top of the
+    file.
     """
 
     meaning: str

@@ -32,7 +32,7 @@ class LogThrottle:
         self._suppressed = 0
 
     def passes(self, now: float) -> int | None:
-        """Return the number of lines suppressed since the last one, or None to suppress this one.
+        """Return how many lines were suppressed since the last one, or None to suppress this line.
 
         `now`: the time on any monotonic clock, s.
         """

@@ -141,7 +141,7 @@ class Pallet(Sequence[EpsonPoint]):
     @overload
     def __getitem__(self, index: slice) -> list[EpsonPoint]: ...
     def __getitem__(self, index: int | slice) -> EpsonPoint | list[EpsonPoint]:
-        """Return a point by its index, or several. Raises IndexError if there is none."""
+        """Return the point at an index, or the points of a slice. Raises IndexError if outside."""
         if isinstance(index, slice):
             return [self[item] for item in range(len(self))[index]]
         row, column = divmod(range(len(self))[index], self.columns)
@@ -205,7 +205,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
     """Return the tool's point and the arm's posture for joint positions, shape (n,).
 
-    If the posture is unknown, the reason is returned instead, as a text.
+    A text with the reason takes the place of an unknown posture.
     """
     point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
     try:

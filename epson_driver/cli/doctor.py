@@ -86,7 +86,7 @@ def main() -> int:
 async def _check(
     arguments: argparse.Namespace, findings: Findings, before: Callable[[], None]
 ) -> tuple[Facts, RobotModel] | None:
-    """Check the controller, if one is given and answers. Returns the facts and its model."""
+    """Check the controller. Return the facts and its model, or None if there is no controller."""
     if arguments.address is None:
         return None
     if arguments.controller is None:

@@ -175,7 +175,7 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
 
 
 async def _status(ask: Ask) -> str:
-    """Return the state of a controller as lines. A simulated one reports more of them."""
+    """Return the state of a controller as lines. A simulated controller reports more of them."""
     flags, shown = await ask_flags(ask)
     texts, motor = load_error_texts(), (await value_or_empty(ask, 'GetMotor,0')).split(',')
     condition, names = (

@@ -162,7 +162,6 @@ def _print(sheets: Iterable[Sheet], console: Console, plain: bool) -> None:
 
 
 def _overview(arguments: argparse.Namespace) -> Sheet:
-    """Return the table of the models that meet the requirements in the arguments."""
     word = arguments.search.lower().replace('_', '-')
     models = [
         model

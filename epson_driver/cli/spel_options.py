@@ -105,5 +105,5 @@ def program_of(
 def environment_of(
     settings: Settings, folder: Path | None, keep: bool = False
 ) -> ProgramEnvironment:
-    """Return the environment of a program. `keep`: as in `Files`."""
+    """Return the environment of a program. `keep`: whether to store its files in `folder`."""
     return ProgramEnvironment(settings.stubs, settings.ports, Files(folder, keep))

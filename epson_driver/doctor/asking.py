@@ -171,7 +171,7 @@ async def count_state_clients(host: str, port: int) -> Facts:
 
 
 async def ask_io_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
-    """Return the facts on the I/O: the numbers of points.
+    """Return the port and the number of I/O points of each type, or {} if there is no reply.
 
     Outputs may take their safe values when the connection closes.
     """

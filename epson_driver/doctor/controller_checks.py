@@ -112,7 +112,7 @@ async def check_controller(
 
 
 def _name_tasks(findings: Findings) -> None:
-    """Add a note on the tasks of the SPEL+ program whose ports do not answer."""
+    """Add a note that names the tasks of the SPEL+ program whose ports have a problem."""
     well = {item.about for item in findings.all if item.level is Level.OK}
     looked_at = {item.about for item in findings.all if item.level in (Level.WRONG, Level.NOTE)}
     missing = [task for port, task in SERVERS.items() if port in looked_at - well]

@@ -203,7 +203,7 @@ def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None
 
 
 def _check_shared_memory(findings: Findings) -> None:
-    """Check for causes of failure of Fast DDS' shared memory. Our processes use UDP."""
+    """Check for causes of failure of Fast DDS' shared memory. This package uses UDP instead."""
     about, remedy = 'shared memory', 'restart it with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
     for process in PROCESSES.glob('[0-9]*'):
         with contextlib.suppress(OSError):  # another user's, or it has ended

@@ -27,7 +27,7 @@ TRACE: ContextVar[PcapWriter | None] = ContextVar('trace', default=None)
 """Recorder of all bytes sent and received, or None."""
 
 TICK_S = 0.02
-"""Period of measuring this process's own lateness, s."""
+"""Period at which the lateness of this process's timers is measured, s."""
 
 REOPENED_S = 2.0
 """Time in which a server opens its port again after a client has left, s."""
@@ -73,7 +73,7 @@ class Refusal(Enum):
 
 
 class NoConnectionError(ConnectionError):
-    """The connection failed, for the reason in the text and of the kind `refusal`."""
+    """The connection failed. The text is the reason, and `refusal` its kind."""
 
     def __init__(self, text: str, refusal: Refusal) -> None:
         super().__init__(text)
@@ -102,7 +102,7 @@ class ReceivedTraffic:
 
 
 class Conversation:
-    """One connection to a port of the controller, by the driver's own link."""
+    """One connection to a port of the controller, made with the driver's link class."""
 
     def __init__(self, host: str, port: int, make: MakeLink) -> None:
         self.traffic = ReceivedTraffic()

@@ -27,7 +27,7 @@ MIN_STATUSES = 3
 """Minimum number of joint states and of STATUS messages for deriving facts."""
 
 TOGETHER_SHARE = 0.3
-"""Maximum time from a joint state to a STATUS of the same cycle, as a share of the period."""
+"""A STATUS belongs to the cycle of a joint state that is at most this share of a period older."""
 
 UNEVEN_SHARE = 0.25
 """Maximum uncertainty of a measured period, as a share of it. Beyond it, the period is omitted."""

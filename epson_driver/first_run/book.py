@@ -110,7 +110,7 @@ class FirstRunRecord:
 
 
 def load(path: Path) -> FirstRunRecord:
-    """Read a first-run file. Raises InputError if it is none."""
+    """Read a first-run file. Raises InputError if it is not one."""
     name = printable(path)
     content = read_file(path, MAX_FILE_BYTES)
     try:

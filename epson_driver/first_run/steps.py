@@ -177,7 +177,7 @@ async def _listen(run: FirstRun) -> StepResult:
 
 
 def _rounding(joints: Sequence[float]) -> float:
-    """Return the rounding of joint states in degrees: 0.1, 0.01, 0.001, or 0 for none."""
+    """Return the step to which joint states are rounded, degrees: 0.1, 0.01, 0.001, or 0."""
     values = np.degrees(np.asarray(joints))
     if np.abs(values).max() < 0.1:
         return 0.0  # an arm at 0 shows no rounding

@@ -95,7 +95,7 @@ class TrialMove:
 
     @property
     def end(self) -> float:
-        """End time of the motion, when the arm came to rest. Interpolated like `start`."""
+        """Time when the arm came to rest. It is interpolated like `start`."""
         away = np.cbrt(np.abs(self.positions - self.positions[-1]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size or not self.measured:
@@ -174,9 +174,10 @@ async def move_by_statements(
     durations: Sequence[float],
     stop_after: float | None = None,
 ) -> TrialMove:
-    """Move like `move_and_record`, by a statement of Remote Ethernet for each target.
+    """Move like `move_and_record`, with one statement of Remote Ethernet for each target.
 
-    A statement is replied to when the arm is at its target. Until then no joint states arrive.
+    The controller replies to a statement when the arm is at the target. Until then no joint states
+    arrive.
     """
     clock, link = asyncio.get_running_loop().time, state.link
     assert isinstance(link, RemoteLink)  # noqa: S101 - for the type checker
@@ -261,7 +262,7 @@ def _check(
 
 
 async def _rest(state: Conversation, joints: int) -> None:
-    """Wait until the arm has rested for REST_S, or `state` ends. Raises NotMovedError if late."""
+    """Wait until the arm rests for REST_S, or `state` ends. Raises NotMovedError at a timeout."""
     clock = asyncio.get_running_loop().time
     until = clock() + REST_TIMEOUT_S
     while clock() < until:

@@ -28,8 +28,8 @@ NEED_ARMING = (Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.TURN_TO_AUTO, Remedy.E
 """Remedies that end with a button for armed windows."""
 
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
-"""Causes that are no fault. The condition of a simulated controller is shown instead of them,
-because it is more specific."""
+"""Causes that are no fault. The more specific condition of a simulated controller replaces
+them."""
 
 NO_ESTOP = 'not active'
 """Value of `estop` in a simulated controller's condition without an E-stop."""

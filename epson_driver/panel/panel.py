@@ -267,7 +267,6 @@ class Panel:
                 view.control.end()
 
     def _close(self) -> None:
-        """Disarm, cancel all goals of the panel, and close all parts."""
         with contextlib.ExitStack() as stack:  # runs the other callbacks if one raises
             stack.callback(self.ros.close)
             stack.callback(self._pendants.end)

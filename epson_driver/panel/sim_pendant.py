@@ -113,7 +113,6 @@ class SimPendant:
         return is_announced(str(found[0][4][0]), self.port)
 
     async def _serve(self, ask: Ask) -> None:
-        """Poll the condition periodically and send queued commands in between."""
         while True:
             await self._poll(ask)
             try:

@@ -14,7 +14,7 @@ INTERRUPTED = 130
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
-"""SIGHUP: the terminal was closed, or its connection lost."""
+"""Signals that end a process. SIGHUP: the terminal was closed, or its connection lost."""
 
 
 def ending_signals() -> list[signal.Signals]:
@@ -85,7 +85,7 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
-    """Call `end` in a loop on each signal that ends a process, until everything is stopped.
+    """Call `end` in `loop` on each signal that ends a process.
 
     All signals except SIGTERM call it until the loop is closed, and are ignored afterward. (The
     loop removes its own handlers while closing. Another Ctrl-C at that time would raise

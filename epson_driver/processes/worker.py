@@ -18,7 +18,7 @@ import numpy as np
 from epson_driver.processes.command import module_command, open_closed_streams
 
 PREFIX = struct.Struct('=IIQ')
-"""Checksum of the body, and the number of bytes of the text and of the arrays."""
+"""Checksum of what follows, and the lengths of the text and of the arrays, bytes."""
 
 MAX_BYTES = 2**31
 """Maximum size of a value. It exceeds every trajectory, so a larger number is an error."""
@@ -33,8 +33,8 @@ def packed(value: object) -> bytes:
     """Return a value as bytes. Reading them executes no code.
 
     A value is None, a bool, a number, a text, a numpy array of numbers, or a tuple or dataclass of
-    such values. The bytes are a prefix, a JSON text, and the data of all arrays. The text has the
-    offset of each. Raises TypeError with the name of an unsupported type.
+    such values. The bytes are a prefix, a JSON text with the offset of each array, and the data of
+    all arrays. Raises TypeError with the name of an unsupported type.
     """
     arrays: list[bytes] = []
     used = 0

@@ -42,7 +42,7 @@ HEADER, FOOTER, DATA_END = 0x01, 0x02, 0x0F
 """Operation codes of the records Header, Footer and Data End (MCAP specification, Records)."""
 
 _LENGTH = 9
-"""Bytes of a record's operation code and length."""
+"""Length of a record's operation code and of its length field together, bytes."""
 
 _END = bytes([FOOTER]) + (20).to_bytes(8, 'little') + bytes(20) + MAGIC
 """A footer without a summary, which makes MCAP readers scan the records."""

@@ -32,8 +32,7 @@ REST_VELOCITY_SHARE = 1e-3
 """Fraction of its velocity limit below which a joint is at rest."""
 
 TURNING_ACCELERATION_SHARE = 0.05
-"""Fraction of its acceleration limit from which a joint without speed reverses instead of
-stopping."""
+"""A joint without speed is reversing, not stopped, above this share of its acceleration limit."""
 
 RESTING_COMMAND_SHARE = 2e-3
 """Fraction of the velocity limit up to which a commanded speed counts as rest."""

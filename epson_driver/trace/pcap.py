@@ -165,7 +165,7 @@ class Conversation:
                 self._record(time_ns, Flag.ACK, from_client=not from_client)
 
     def finish(self, time_ns: int, *, from_client: bool) -> None:
-        """Write the FIN of one side, once, and the other's acknowledgement."""
+        """Write one side's FIN, unless already written, and the other side's acknowledgement."""
         if from_client not in self._finished:
             self._finished.add(from_client)
             self._record(time_ns, Flag.FIN | Flag.ACK, from_client=from_client)

@@ -95,7 +95,6 @@ def read_recording(path: Path, gaps: list[str] | None = None) -> list[Step]:
 
 
 def _read(path: Path, steps: list[Step], gaps: list[str]) -> None:
-    """Append the events of a file to `steps`."""
     connections: dict[Pair, _Connection] = {}
     every: list[_Connection] = []
     for segment in read_segments(read_file(path, MAX_RECORDING_BYTES)):
