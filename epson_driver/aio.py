@@ -200,8 +200,8 @@ class Robot(Motions, Streams):
     async def reset(self, *, enable: bool = False) -> str:
         """Reset the controller after an error or a released E-stop.
 
-        enable: whether to enable the arm after the reset. This raises RobotError if `disable` is
-        called during the reset. Otherwise the arm stays disabled.
+        enable: whether to enable the arm after the reset. If False, a disabled arm stays disabled.
+        If True, RobotError is raised if `disable` is called during the reset.
         """
         return await self._connection.command(
             lambda commands: commands.recover() if enable else commands.reset_error()
@@ -243,7 +243,10 @@ class Robot(Motions, Streams):
 
     @checked_arguments
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
-        """Register a callback for a new, or cleared (None), controller error. See `on_estop`."""
+        """Register a callback for controller errors. See `on_estop`.
+
+        Its argument is the new error, or None when the error is cleared.
+        """
         return self._connection.changes.error.add(callback)
 
     @checked_arguments

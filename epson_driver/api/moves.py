@@ -84,7 +84,7 @@ def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> Joi
 
 
 def check_speeds(speed: float, acceleration: float) -> None:
-    """Raise ValueError unless both are fractions of the joint limits, (0, 1]."""
+    """Raise ValueError unless both arguments are fractions of the joint limits, (0, 1]."""
     for name, value in (('speed', speed), ('acceleration', acceleration)):
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             raise ValueError(f'{name} = {value!r}: must be a number in (0, 1]')
@@ -105,7 +105,7 @@ def tool_limits(
     jerk: float | None,
     slow: bool,
 ) -> ToolLimits:
-    """Return the limits of a tool motion. Raises ValueError if an argument is invalid."""
+    """Return the limits for arguments of `move_line`. Raises ValueError if one is invalid."""
     arguments = {
         'speed': speed,
         'acceleration': acceleration,
@@ -345,7 +345,7 @@ def planned(
     joint_names: Sequence[str] | None,
     limits: JointLimits,
 ) -> Trajectory:
-    """Return a user's trajectory with its joints in the order of `limits`.
+    """Return the trajectory for arguments of `move_trajectory`, joints in the order of `limits`.
 
     Raises ValueError if an argument is invalid or the trajectory exceeds a limit.
     """

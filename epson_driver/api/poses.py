@@ -73,7 +73,7 @@ class Tool:
     max_acceleration: float | None = None
 
     def check(self, speed: float, acceleration: float) -> None:
-        """Raise ValueError if a motion exceeds the tool's limits."""
+        """Raise ValueError if `speed`, m/s, or `acceleration`, m/s², exceeds the tool's limits."""
         for name, value, maximum, unit in (
             ('speed', speed, self.max_speed, 'm/s'),
             ('acceleration', acceleration, self.max_acceleration, 'm/s²'),
@@ -83,7 +83,7 @@ class Tool:
 
 
 def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
-    """Return the tool for a user's arguments. Raises ValueError if one is invalid."""
+    """Return the tool for arguments of `set_tool`. Raises ValueError if one is invalid."""
     checked = checked_pose('pose', pose)
     check_tool_distance('pose', checked)
     limits = {'max_speed': max_speed, 'max_acceleration': max_acceleration}

@@ -71,7 +71,10 @@ _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
 def checked_argument(name: str, value: object) -> str:
-    """Return the ROS parameter of a Robot's argument. Raises ValueError if `value` is invalid."""
+    """Return the name of the ROS parameter for the argument `name` of a Robot.
+
+    Raises ValueError if `value` is invalid for this parameter.
+    """
     row = ROWS[ARGUMENTS.get(name, name)]
     row.allowed.checked(value, name)
     return row.name
@@ -82,8 +85,8 @@ def parameter_values(
 ) -> dict[str, Any]:
     """Return the settings and the arguments of a Robot by ROS parameter name.
 
-    host: an address or a robot's file. An argument of None is left out, because the file, the
-    profile or the table has its default. Raises ValueError if an argument is invalid.
+    `host`: an address or the path of a robot's file. An argument of None is left out, because the
+    file, the profile or the table has its default. Raises ValueError if an argument is invalid.
     """
     in_file = isinstance(host, str) and host.endswith('.yaml')
     values = robot_settings(host) if in_file else {}

@@ -136,7 +136,7 @@ class Streams(Arm):
 
     @contextmanager
     def _received(self) -> Iterator['Servo']:
-        """Yield the servo. Report a ValueError in the `with` block to it: an invalid setpoint."""
+        """Yield the servo. Report a ValueError in the block to it as an invalid setpoint."""
         servo = self._connection.running.servo
         try:
             yield servo

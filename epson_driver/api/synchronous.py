@@ -151,7 +151,10 @@ def makes(
 def _described(
     run: Callable[P, T], method: Callable[..., object], returned: object = None
 ) -> Callable[P, T]:
-    """Return a function with the name, arguments and docstring of another function."""
+    """Return `run` with the name, arguments and docstring of `method`.
+
+    `returned`: another annotation of the result.
+    """
     update_wrapper(run, method)
     if returned is not None:
         signature = inspect.signature(method).replace(return_annotation=returned)

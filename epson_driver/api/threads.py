@@ -186,7 +186,7 @@ class Session:
         self.callbacks = CallbackThread('robot callbacks', connection.callback_failed_elsewhere)
 
     def open(self, connect: Callable[[], Coroutine[Any, Any, object]]) -> None:
-        """Start the event loop and connect in it. Raises RobotError, also if already open."""
+        """Start the loop and connect in it. Raises RobotError if already open or on failure."""
         if self._thread is not None:
             self._thread.process.check()
             raise RobotError('the robot is already connected')

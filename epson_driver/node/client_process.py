@@ -98,7 +98,7 @@ class Failures:
             self.report(context['message'], error)
 
     def in_thread(self, what: str, error: BaseException) -> None:
-        """Report a failure in another thread, even if the loop has ended."""
+        """Report a failure of any thread, even if the loop has ended. Callable in any thread."""
         try:
             self._loop.call_soon_threadsafe(self.report, what, error)
         except RuntimeError:  # the loop is closed
@@ -147,7 +147,6 @@ def _unused_files(words: Sequence[str], names: Sequence[str]) -> Iterator[str]:
 
 
 def _run(nodes: Sequence[Node], make: Make) -> int:
-    """Serve ROS in a separate thread, drive the arms in this one, and return the exit code."""
     raise_priority()
     signaled = asyncio.Event()
     with (
@@ -224,7 +223,6 @@ async def _drive(
 
 
 def _report_ended(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
-    """Report each client whose task has ended by itself."""
     for task in running:
         if task.cancelled():
             failures.report('a driver was cancelled', asyncio.CancelledError())

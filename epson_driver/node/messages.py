@@ -128,7 +128,7 @@ def controller_state(
 def idle_state(
     names: Sequence[str], sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the state message without a running goal, which has only the measured state."""
+    """Return the state message when no goal runs. It has only the measured state."""
     message = JointTrajectoryControllerState(speed_scaling_factor=1.0)
     message.joint_names = list(names)
     message.header.stamp = stamp

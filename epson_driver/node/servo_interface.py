@@ -173,7 +173,8 @@ reliable publishers."""
 class ServoInterface:
     """Passes setpoints from ROS to the driver's servo. Must be created in the driver's event loop.
 
-    `stop` is called in the executor's thread with each trajectory that has no points.
+    `stop` is called in the executor's thread when a trajectory without points arrives. Its
+    argument is the message.
     """
 
     def __init__(self, context: NodeContext, stop: Callable[[JointTrajectory], None]) -> None:

@@ -229,7 +229,11 @@ class SentMotion:
         )
 
     def update(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
-        """Process feedback. stamp: ns on the driver's clock. passed: time since the start, ns."""
+        """Process feedback.
+
+        `stamp`: its time, ns on the downstream driver's clock. `passed`: time since the start of
+        the motion, ns. `desired`: commanded positions of the joints `names`.
+        """
         limits, start = self.goal.limits, stamp - passed
         if {*names} != {*limits.names} or len(names) != len(desired):
             return
@@ -419,7 +423,6 @@ class SmoothGoals:
             goal.on_end(outcome)
 
     async def _outcome(self, goal: ForwardedGoal) -> Outcome:
-        """Plan and send a goal, and return its outcome. Raises GoalRejectedError if rejected."""
         age = self._parameters['state_timeout']
         if (problem := await self._wait_for_rest(goal)) is not None:
             raise _rejected(f'{problem}: a goal must start with the arm at rest')
@@ -470,7 +473,6 @@ class SmoothGoals:
     async def _send(
         self, sent_motion: SentMotion, points: Trajectory, request: FollowJointTrajectory.Goal
     ) -> Sent:
-        """Send points to the downstream driver. Raises GoalRejectedError if it rejects them."""
         request.trajectory.joint_names = list(points.joint_names)
         request.trajectory.points = trajectory_message(points).points
         timeout = self._parameters['reply_timeout']

@@ -114,17 +114,17 @@ class ProgramProfile:
       outside the limits.
     * `uses`: whether a point's velocity, its duration, both or neither are used.
     * `late_failure`: whether a point outside the limits is answered with SUCCESS, then with
-      FAILURE, and the connection is closed. The arm finishes the points before it.
+      FAILURE, and the connection is closed. The arm finishes the earlier points.
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
       also a longer one, and STOP may be sent as a topic. 'any': a message of any type that is long
       enough for the joints. Shorter messages are not answered.
-    * `special_sequences`: accepted negative sequence numbers. 'all', or 'stop': only STOP, and
-      others are not answered.
+    * `special_sequences`: accepted negative sequence numbers. 'all', or 'stop': only STOP. Any
+      other one is not answered.
     * `skip_first`: maximum distance of each joint from the arm's position, rad or m, at which the
       first point is skipped (0: never).
     * `motors`: how a driver switches the motors and resets errors. 'none': not at all.
-      'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': likewise, but it
-      stops main before and starts it afterwards. 'motoman': by Motoman's commands.
+      'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': likewise, but
+      main is stopped before and started afterwards. 'motoman': by Motoman's commands.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
       parameters with these names, which select the points of a trajectory to send.
     * `setpoint_period`: default of a driver's parameter `servo.period`, the time between the

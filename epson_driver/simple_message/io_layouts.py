@@ -68,7 +68,7 @@ class ItemsLayout:
         self._head = _head(message_class)
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if it has too many items or a value is no int32."""
+        """Return the body. Raises FieldError if it has too many items, or a value is no int32."""
         items: Sequence[Any] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         named = [(name, getattr(message, name)) for name in self._head]
@@ -104,7 +104,7 @@ class PublishLayout:
     message_class: type[Message] = IoPublish
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if it has too many values or one is no int32."""
+        """Return the body. Raises FieldError if there are too many values or one is no int32."""
         items: Sequence[IoValues] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         total = sum(len(item.values) for item in items)
@@ -180,7 +180,8 @@ def _unpack(
 ) -> tuple[int, ...]:
     """Return the words of a body.
 
-    Raises BodyError if it has less than `least` words or its length is no multiple of a word.
+    Raises BodyError if there are less than `least` words, or if the length is no multiple of a
+    word.
     """
     count, rest = divmod(len(body), _INT32)
     if rest or count < least:

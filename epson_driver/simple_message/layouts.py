@@ -75,8 +75,8 @@ class Layout(Protocol):
 class BodyReader:
     """Decoder of bodies of one message class, size and dialect.
 
-    `make`: the result of `_writable` for the class. `body`: format of the body. `places`: index or
-    slice of each field in the values of the body.
+    `make`: the result of `_writable` for the class. `body`: `struct` format of the body. `places`:
+    index or slice of each field among the values of the body.
     """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
@@ -132,8 +132,8 @@ def _fields_of(
 class _Form:
     """One of the forms that a body may have.
 
-    counts: number of values of each field. codes: `struct` code of each field, or `r` for a real.
-    scalar: whether a field is a single value instead of a tuple.
+    `counts`: number of values of each field. `codes`: `struct` code of each field, or `r` for a
+    real. `scalar`: for each field, whether it is a single value instead of a tuple.
     """
 
     def __init__(

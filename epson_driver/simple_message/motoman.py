@@ -103,7 +103,7 @@ def bit_address(first_group: int, index: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class ReadIoBit(Message):
-    """READ_IO_BIT (2003). `address` as from `bit_address`."""
+    """READ_IO_BIT (2003). `address`: see `bit_address`."""
 
     address: int
 

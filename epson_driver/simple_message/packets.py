@@ -60,7 +60,7 @@ def request(message: Message) -> Packet:
 
 
 def reply(message: Message, code: ReplyCode) -> Packet:
-    """Return the reply to a request."""
+    """Return the reply to a request, with the body `message`."""
     return Packet(message, CommType.SERVICE_REPLY, code)
 
 
@@ -176,7 +176,6 @@ class PacketFramer(Framer):
         return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
 
     def _unknown(self) -> Packet | None:
-        """Return the next packet and store its header for reuse."""
         frame = self.next_frame()
         if frame is None:
             return None
