@@ -64,7 +64,7 @@ def add_program_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
-    """Return the settings in `folder`, unless it is None, overridden by the options.
+    """Return the settings in `folder`, if given, overridden by those of the options.
 
     Raises InputError if they are invalid.
     """

@@ -125,7 +125,7 @@ class Conversation:
     async def wait_for_traffic(
         self, enough: Callable[[ReceivedTraffic], object], seconds: float
     ) -> bool:
-        """Wait up to `seconds` until `enough` is true of the traffic. Returns whether it is."""
+        """Wait until `enough` is true of the traffic, at most `seconds`. Return whether it is."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await self._wait(lambda: enough(self.traffic) or self.traffic.ended)

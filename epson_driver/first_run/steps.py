@@ -50,7 +50,7 @@ SLIDE_MM = 10.0
 
 WAY_S = 2.0
 BACK_AND_FORTH = 10
-"""Duration of a motion, s, and number of motions in a step that a person interrupts."""
+"""Duration of a motion, s, and number of such motions in a step that a person interrupts."""
 
 STREAM_POINTS = 40
 STREAM_PERIODS_S = (0.1, 0.05)
@@ -177,7 +177,7 @@ async def _listen(run: FirstRun) -> StepResult:
 
 
 def _rounding(joints: Sequence[float]) -> float:
-    """Return the step to which joint states are rounded, degrees: 0.1, 0.01, 0.001, or 0."""
+    """Return the rounding step of joint states, degrees: 0.1, 0.01 or 0.001, or 0 if unrounded."""
     values = np.degrees(np.asarray(joints))
     if np.abs(values).max() < 0.1:
         return 0.0  # an arm at 0 shows no rounding

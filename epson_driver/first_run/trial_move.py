@@ -47,7 +47,7 @@ MAX_SPEED = 0.1
 """Maximum speed of any joint, rad/s or m/s."""
 
 MIN_VELOCITY = 0.01
-"""Minimum velocity of a point, as a fraction of the maximum: one percent, as in SPEL+."""
+"""Minimum velocity of a point, as a fraction of the maximum. SPEL+ accepts one percent or more."""
 
 FIRST_DURATION_S = 0.1
 """Duration of the first point, at the current position, s."""
