@@ -68,12 +68,9 @@ def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
 
     Raises InputError if they are invalid.
     """
-    words = (
-        f'{key}={value}'
-        for key in ('robot', 'controller')
-        if (value := getattr(arguments, key)) is not None
+    return read_settings(
+        folder, arguments.set, robot=arguments.robot, controller=arguments.controller
     )
-    return read_settings(folder, [*arguments.set, *words])
 
 
 def program_of(

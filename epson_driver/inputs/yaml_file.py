@@ -64,7 +64,7 @@ def yaml_value(text: str, where: str) -> Any:
     """Return the value of a YAML text. `where`: the name of the value in an InputError."""
     try:
         return _built(text, several=False)
-    except (yaml.YAMLError, _WrongError) as error:
+    except (yaml.YAMLError, _WrongError, UnicodeError) as error:
         why = _sentence(error) if isinstance(error, yaml.YAMLError) else error
         raise InputError(f'{where} = {shown(text)}: not YAML: {why}') from error
 

@@ -128,10 +128,13 @@ KEYS = {
 """Key in spel.yaml → rule."""
 
 
-def read_settings(folder: Path | None, overrides: Iterable[str] = ()) -> Settings:
+def read_settings(
+    folder: Path | None, overrides: Iterable[str] = (), **names: str | None
+) -> Settings:
     """Return the settings in the spel.yaml of a folder, if any, with overrides KEY[.ITEM]=VALUE.
 
-    Raises InputError with the file, the key, the value and what is allowed.
+    `names`: further overrides by key, as plain texts; None has no effect. Raises InputError with
+    the file, the key, the value and what is allowed.
     """
     path = None if folder is None else folder / SETTINGS_FILE
     there = path is not None and (path.exists() or path.is_symlink())
@@ -141,6 +144,9 @@ def read_settings(folder: Path | None, overrides: Iterable[str] = ()) -> Setting
         key, dot, item = name.partition('.')
         where = f'--set {printable(name)}'
         _add(values, where, key, item if dot else None, yaml_value(value, where))
+    for key, given in names.items():
+        if given is not None:
+            _add(values, f'--{key}', key, None, given)
     return Settings(source=str(path) if there else '--set', **values)
 
 

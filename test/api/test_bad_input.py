@@ -58,7 +58,7 @@ CASES = [
     ('taught name', lambda r: r.points.teach('p3'), "name = 'p3': must be a word"),
     ('no name', lambda r: r.points.teach(None), 'name = null: must be a string|name = None'),
     ('no point', lambda r: r.points.__setitem__('a', 3), 'point = 3: must be EpsonPoint'),
-    ('no file', lambda r: r.points.load('x.txt'), r'x\.txt: must be a \.pts or a \.yaml'),
+    ('no file', lambda r: r.points.load('x.txt'), r'x\.txt: must be a \.pts, a \.csv or a \.yaml'),
     ('input', lambda r: r.simulation.input(3, 'x'), "value = 'x'"),
 ]
 

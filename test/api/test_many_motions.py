@@ -32,6 +32,11 @@ LAG_S = load_controller_profile('simulated').servo.lag
 LOOK_S = 0.01
 """Sampling interval of a motion, s."""
 
+COUNTS = [
+    3,
+    pytest.param(30, marks=pytest.mark.slow),
+    pytest.param(100, marks=pytest.mark.soak),
+]
 MODELS = pytest.mark.parametrize('model', one_in(2, READY))
 
 
@@ -59,7 +64,7 @@ def circumradius(points):
 
 
 @MODELS
-@pytest.mark.parametrize('count', [3, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('count', COUNTS)
 def test_random_lines_and_arcs_follow_their_path(model, count):
     """The tolerance is 0.1 mm, plus the corner that lagging servos cut off an arc."""
     random = np.random.default_rng(count)
@@ -196,7 +201,7 @@ def near_trouble(model, number, random):
 
 @MODELS
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('count', [3, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('count', COUNTS)
 def test_lines_near_singularities_are_rejected_or_respect_all_limits(model, count):
     random = np.random.default_rng(18)
 
@@ -231,7 +236,7 @@ def test_lines_near_singularities_are_rejected_or_respect_all_limits(model, coun
 @pytest.mark.slow
 @MODELS
 def test_many_short_moves_leave_memory_tasks_and_threads_flat(model):
-    """500 moves of each model, alternating joint and tool moves."""
+    """200 moves of each model, alternating joint and tool moves."""
 
     async def scenario():
         async with robot_cell(model=model) as (robot, _):
@@ -254,9 +259,9 @@ def test_many_short_moves_leave_memory_tasks_and_threads_flat(model):
                 return len(gc.get_objects()), tasks, threading.active_count(), resident_kb()
 
             first = await moves(100)  # fills bounded histories, e.g. of latencies
-            last = await moves(500)
+            last = await moves(200)
             print(f'{model}: objects, tasks, threads, kB: {first}, {last}')
-            assert last[0] - first[0] < 250  # one leaked object per move would be 500
+            assert last[0] - first[0] < 100  # one leaked object per move would be 200
             assert last[1] <= first[1]
             assert last[2] <= first[2]
             assert last[3] - first[3] < 2048

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.api_harness import program
 from support.longer_arm import arm_file
 
 from epson_driver import Robot, Settings, aio
@@ -121,53 +120,6 @@ def test_unknown_controller_lists_the_known_ones():
 def test_remedies_do_not_mention_ros():
     words = [WORDS.get(remedy, remedy.value) for remedy in Remedy]
     assert not any('~/' in text or 'robot_ip' in text for text in words)
-
-
-@pytest.mark.slow
-def test_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
-    file = tmp_path / 'user.py'
-    file.write_text(
-        'import asyncio\n'
-        'from epson_driver import MotionError, Robot, Settings\n'
-        'from epson_driver.aio import Robot as AsyncRobot\n'
-        'def go(robot: Robot) -> float:\n'
-        '    motion = robot.move_joints([0.0] * 6, wait=False)\n'
-        '    text: str = motion.wait(5.0)\n'
-        '    remove = robot.on_estop(lambda pressed: print(pressed, text))\n'
-        '    remove()\n'
-        '    robot.on_link(3)\n'
-        '    robot.move_line([0.0], sped=1.0)\n'
-        '    return float(robot.joints[0])\n'
-        'async def main() -> None:\n'
-        '    async with AsyncRobot.simulated(settings=Settings()) as robot:\n'
-        '        await robot.enable()\n'
-        '        value: int = await robot.io.read("DI", 3)\n'
-        'with Robot.simulated() as robot:\n'
-        '    reveal_type(robot)\n'
-        '    robot.move_joint([0.0])\n'
-    )
-    process = program(
-        'import sys; from mypy import api; print(api.run(sys.argv[1:])[0])',
-        '--strict',
-        '--cache-dir',
-        tmp_path / 'cache',
-        '--follow-imports=silent',
-        '--ignore-missing-imports',
-        file,
-    )
-    lines = process.communicate(timeout=600)[0].splitlines()
-    messages = [line.partition(': ')[2] for line in lines if 'user.py' in line]
-    for message, expected in zip(
-        messages,
-        [
-            'error: Argument 1 has incompatible type "int"; expected "Callable[[str, str]',
-            'error: Unexpected keyword argument "sped"',
-            'note: Revealed type is "epson_driver.robot.Robot"',
-            'error: "Robot" has no attribute "move_joint"',
-        ],
-        strict=True,
-    ):
-        assert expected in message
 
 
 def test_smoothing_tolerance_without_smoothing_is_rejected():

@@ -64,7 +64,7 @@ def test_version_equals_package_xml() -> None:
 
 def test_every_executable_is_installed_for_ros2_run() -> None:
     scripts = {path.name for path in (Path(__file__).parents[2] / 'scripts').iterdir()}
-    assert scripts == {'executable', *EXECUTABLES}
+    assert scripts == {'executable', 'first-run', *EXECUTABLES}  # both spellings are documented
 
 
 def test_hyphen_in_a_command_is_an_underscore() -> None:

@@ -192,7 +192,7 @@ def test_port_in_use_is_reported_by_name(start):
         (['--motion', 'jump'], 'invalid choice'),
         (['--byte-order', 'middle'], 'invalid choice'),
         (['--robot', 'c9'], r'no robot model c9'),
-        (['--controller', 'rc9'], r'no rc9.yaml'),
+        (['--controller', 'rc9'], 'no controller profile rc9'),
         (['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml'),
         (['--motion-port', '70000'], 'must be a port from 0 to 65535'),
         (['--state-period', '0'], 'must be a number from 0.001 to 3600 s'),

@@ -77,7 +77,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
             motion_link=link('motion', Cause.NO_MOTION_LINK),
         ),
         robot,
-        Fake(reason='for the test' if Cause.NOT_ENABLED in wrong else None),
+        Fake(reason='for the test' if Cause.NOT_ENABLED in wrong else None, refusal=None),
         stopper,
         Fake(
             idle=Cause.GOAL_RUNS not in wrong,

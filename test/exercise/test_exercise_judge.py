@@ -63,7 +63,7 @@ def test_junit_has_a_case_per_fault_and_failures():
 def test_every_fault_of_the_simulated_controller_has_a_case():
     assert CASES.keys() >= FAULTS.keys()
     for case in CASES.values():
-        for words in (*case.begin, *case.person):
+        for words in (*case.trigger, *case.person):
             assert action(words).commands
 
 
@@ -71,12 +71,12 @@ def test_spel_program_is_stopped_before_blocked_actions():
     assert for_kind(('motors off',), spel=True) == ('stop', 'motors off')
     assert for_kind(('estop release', 'reset'), spel=True) == ('estop release', 'stop', 'reset')
     for case in CASES.values():
-        assert for_kind(case.begin, spel=False) == case.begin
+        assert for_kind(case.trigger, spel=False) == case.trigger
 
 
 @pytest.mark.invariant(4)
 def test_no_case_enables_the_arm():
-    words = [words for case in CASES.values() for words in (*case.begin, *case.person)]
+    words = [words for case in CASES.values() for words in (*case.trigger, *case.person)]
     assert 'motors on' not in words
     assert {name for name, case in CASES.items() if case.stops} == {'estop', 'estop_at_point'}
 

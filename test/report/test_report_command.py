@@ -80,7 +80,7 @@ def test_exported_bag_has_the_same_top_velocities_as_its_pcap(called, tmp_path):
         (('nothing.pcap',), 'nothing.pcap: No such file'),
         (('a.pcap', '--robot', 'gx4_c251s', '--output', 'no/x.html'), 'No such file or directory'),
         (('a.pcap', '--robot', 'mars'), 'no robot model mars'),
-        (('a.pcap', '--controller', 'mars'), 'no mars'),
+        (('a.pcap', '--controller', 'mars'), 'no controller profile mars'),
         (('--compare', 'a.pcap', 'b.pcap', '--mcap', 'bag'), 'omit --compare'),
         (('a.pcap', '--address', '10.9.9.9'), 'no connection to a controller'),
     ],

@@ -54,8 +54,6 @@ def test_demo_executes_the_plan_and_writes_a_report(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('name', 'controller'),
     [
-        ('n2_a450sr', 'simulated'),
-        ('rs3_351s', 'spel'),
         ('t6_b602s', 'simulated'),
         ('vt6_a901s', 'spel'),
     ],
@@ -88,7 +86,7 @@ def test_demo_compares_the_spel_and_the_built_in_program(tmp_path: Path) -> None
     ('arguments', 'words'),
     [
         (['--controller=spel', '--motion=ptp'], '--motion: its statements determine'),
-        (['--controller=rc1'], 'no rc1.yaml'),
+        (['--controller=rc1'], 'no controller profile rc1'),
         (['--robot=gx9'], 'no robot model gx9'),
     ],
 )

@@ -171,13 +171,33 @@ def test_tools_that_need_ros_name_the_missing_module(python: Path, name: str) ->
     assert 'pip install' in line
 
 
+WRONG = """
+from epson_driver import Robot
+
+with Robot.simulated() as robot:
+    reveal_type(robot)
+    robot.move_joint([0.0])
+    robot.on_link(3)
+    robot.move_line([0.0], sped=1.0)
+    robot.move_joints([0.0] * 6, speed='fast')
+"""
+MESSAGES = (
+    'note: Revealed type is "epson_driver.robot.Robot"',
+    'error: "Robot" has no attribute "move_joint"',
+    'error: Argument 1 has incompatible type "int"; expected "Callable[[str, str]',
+    'error: Unexpected keyword argument "sped"',
+    'error: Argument "speed" has incompatible type "str"; expected "float"',
+)
+
+
 def test_user_s_file_passes_mypy_strict(python: Path, tmp_path: Path) -> None:
     """mypy checks against the installed package with its py.typed."""
-    file = tmp_path / 'user.py'
+    file, wrong = tmp_path / 'user.py', tmp_path / 'wrong.py'
     file.write_text(USER, encoding='utf-8')
+    wrong.write_text(WRONG, encoding='utf-8')
     words = ['-m', 'mypy', '--strict', '--cache-dir', tmp_path / 'cache']
-    ran = run(sys.executable, *words, '--python-executable', python, file, where=tmp_path)
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    file.write_text(USER.replace('speed=0.5', "speed='fast'"), encoding='utf-8')
-    ran = run(sys.executable, *words, '--python-executable', python, file, where=tmp_path)
-    assert 'Argument "speed" has incompatible type "str"; expected "float"' in ran.stdout
+    ran = run(sys.executable, *words, '--python-executable', python, file, wrong, where=tmp_path)
+    lines = [line for line in ran.stdout.splitlines() if '.py:' in line]
+    for line, message in zip(lines, MESSAGES, strict=True):
+        assert line.startswith('wrong.py')
+        assert message in line

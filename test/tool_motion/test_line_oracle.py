@@ -21,17 +21,12 @@ from epson_driver.tool_motion.tool_trajectory import ToolLimits, trajectory_alon
 
 pinocchio = pytest.importorskip('pinocchio')
 
-MODELS = (
-    'c3_a601s',
-    'c12_a1401s',
-    'cx4_a601s',
-    'vt6_a901s',
-    'gx4_c251s',
-    'gx8_c652s',
-    'rs4_c351s',
-    'ls6_602s',
-    't6_602s',
-)
+MODELS = ('c3_a601s', 'vt6_a901s', 'gx4_c251s', 't6_602s')
+SOAK_MODELS = ('c12_a1401s', 'cx4_a601s', 'gx8_c652s', 'rs4_c351s', 'ls6_602s')
+EVERY_MODEL = [
+    *MODELS,
+    *(pytest.param(model, marks=pytest.mark.soak) for model in SOAK_MODELS),
+]
 ACCURACY_M = 1e-4
 NOT_FARTHER_M = 2.8e-4
 STEP_RAD = 0.02
@@ -216,7 +211,7 @@ TOOL = ToolLimits(0.1, 1.0, 1.0, 10.0, ACCURACY_M, slow=True, jerk_ratio=10.0)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'count'), [('line', 50), ('arc', 25)])
-@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('model', EVERY_MODEL)
 def test_only_infeasible_paths_are_refused(model, kind, count):
     arm = Kinematics(load_robot_model(model))
     oracle = Oracle(arm.model)
@@ -254,7 +249,7 @@ def test_only_infeasible_paths_are_refused(model, kind, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('model', EVERY_MODEL)
 def test_corners_are_cut_only_within_their_blend(model):
     arm = Kinematics(load_robot_model(model))
     oracle = Oracle(arm.model)

@@ -89,7 +89,9 @@ WAVES = (sine, triangle)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('wave', WAVES, ids=['sine', 'triangle'])
+@pytest.mark.parametrize(
+    'wave', [sine, pytest.param(triangle, marks=pytest.mark.soak)], ids=['sine', 'triangle']
+)
 @pytest.mark.parametrize('stream', STREAMS)
 @pytest.mark.parametrize('controller', BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
 async def test_lag_behind_a_stream_is_as_documented(controller, stream, wave, record_property):

@@ -50,7 +50,7 @@ def refusal(caplog, body, **options):
         ('Accel 50, 0', 'Accel: 0 is not in 1..32767'),
         ('SpeedS 2001', 'SpeedS: 2001 is not in 0.1..2000'),
         ('AccelS 0', 'AccelS: 0 is not in 0.1..25000'),
-        ('Tool 1', 'Tool: 1 is not defined: TLSet 1'),
+        ('Tool 1', 'Tool: 1 is not defined: use TLSet, or add `1:'),
         ('Print Sw(9999)', 'DI port 9999 of 1 bits: there are 24 points'),
         (
             'Till Sw(9999) = On\nMotor On\nGo JA(1, 0, 0, 0, 0, 0) Till',
