@@ -24,14 +24,18 @@ USUAL_IO = IoProfile()
 class Configuration:
     """Address and properties of the controller. An I/O or remote port of 0 is not used.
 
-    `errors`: texts of error numbers; None: EPSON's. `delivery`: how trajectories are sent. `io`:
-    I/O points and how to access them. `mapping`: conversion of joint values; None: the controller
-    uses the ROS convention. `byte_order`: byte order of all messages; None: `usual_byte_order`
-    until a message shows another. `motors`: how motors are switched and errors reset.
-    `state_period`: initial estimate of the time between two state messages, s. `margins`:
-    tolerances for reported joints beyond `limits`. `configured_as`: controller and robot model,
-    for texts. `client_timeout`: time after which the controller stops the arm if the driver sends
-    nothing, s; 0: none. `password`: for Remote Ethernet, if the controller runs no program.
+    * `byte_order`: of all messages; None: `usual_byte_order` until a message shows another.
+    * `errors`: texts of error numbers; None: EPSON's.
+    * `delivery`: how trajectories are sent.
+    * `mapping`: conversion of joint values; None: the controller uses the ROS convention.
+    * `io`: I/O points and how to access them.
+    * `motors`: how motors are switched and errors reset.
+    * `state_period`: initial estimate of the time between two state messages, s.
+    * `margins`: tolerances for reported joints beyond `limits`.
+    * `configured_as`: controller and robot model, for texts.
+    * `client_timeout`: the controller stops the arm if the driver sends nothing for this time, s;
+      0: it does not.
+    * `password`: for Remote Ethernet, if the controller runs no program.
     """
 
     host: str

@@ -440,7 +440,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard an old status, and report an unknown one each second until the next arrives."""
+        """Discard a stale status, and report an unknown one each second until the next arrives."""
         while True:
             await wait_for_silence(self._status_missing)
             if self.robot.status is not None:
@@ -449,7 +449,7 @@ class Driver:
             self._events.on_status(Status())
 
     async def _watch_joints(self) -> None:
-        """Discard joints that are too old while the link still works."""
+        """Discard the joint positions when they become stale although the link is still up."""
         while True:
             await wait_for_silence(self._joints_missing)
             if self.robot.sample is not None:

@@ -19,12 +19,15 @@ from epson_driver.simple_message import Mode, Status, TriState
 class Purpose(Flag):
     """An action for which the driver checks whether anything inhibits it.
 
-    REPORT: report why the arm does not move. COMMAND: send a command to the controller.
-    ENABLE: start to enable the arm. OPEN: open the arm gate. RUN: keep the gate open and motion
-    running. GOAL: accept a goal although joints are unavailable during a motion. READY: accept a
-    goal, or plan it, from known joints. ALONE: accept a goal that must not replace another. START:
-    start a goal. STREAM: start a stream of setpoints. FOLLOW: send the next setpoint. LET_GO: keep
-    a stream for which STOP was sent, for example after a silence. RESUME: resume a paused goal.
+    * REPORT: report why the arm does not move. COMMAND: send a command to the controller.
+    * ENABLE: start to enable the arm. OPEN: open the arm gate.
+    * RUN: keep the gate open and motion running.
+    * GOAL: accept a goal although joints are unavailable during a motion.
+    * READY: accept a goal, or plan it, from known joints.
+    * ALONE: accept a goal that must not replace another. START: start a goal.
+    * STREAM: start a stream of setpoints. FOLLOW: send the next setpoint.
+    * LET_GO: keep a stream for which STOP was sent, for example after a silence.
+    * RESUME: resume a paused goal.
     """
 
     REPORT = auto()

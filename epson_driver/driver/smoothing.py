@@ -29,12 +29,14 @@ from epson_driver.profiles.profile import ProgramProfile
 class Smoothing:
     """Settings for the smooth motion that replaces a plan.
 
-    resample_period: time between two points of the smooth motion, s; None: the plan's points.
-    time_optimal: move as fast as the limits permit, regardless of the plan's times. thin: send few
-    points, at least resample_period apart. Straight lines between them deviate from the smooth
-    motion by at most `deviation` rad (or m) in each joint. longest: maximum time between two
-    points of a time-optimal motion, s. tolerance: maximum deviation of the motion from each point
-    of the plan, rad or m, in each joint.
+    * `resample_period`: time between two points of the smooth motion, s; None: the plan's points.
+    * `time_optimal`: move as fast as the limits permit, regardless of the plan's times.
+    * `thin`: send few points, at least `resample_period` apart.
+    * `deviation`: maximum deviation of the straight lines between these points from the smooth
+      motion, in each joint, rad or m.
+    * `longest`: maximum time between two points of a time-optimal motion, s.
+    * `tolerance`: maximum deviation of the motion from each point of the plan, in each joint,
+      rad or m.
     """
 
     resample_period: float | None = None

@@ -30,11 +30,12 @@ class RefusedError(Exception):
 
 
 class Action(NamedTuple):
-    """An operator action. `commands`: alternatives, tried until the controller supports one.
+    """An operator action.
 
-    `done`: text after success (empty: the controller's reply). `moves`: the arm may move. `stops`:
-    the action can only stop the arm, so it may be repeated if the connection closes before the
-    reply.
+    * `commands`: alternatives, tried until the controller supports one.
+    * `done`: text after success; empty: the controller's reply.
+    * `moves`: the arm may move.
+    * `stops`: the action can only stop the arm, so it may be repeated after a missing reply.
     """
 
     commands: tuple[str, ...]

@@ -35,12 +35,17 @@ OnReply = Callable[[Packet, float], None]
 class DeliveryRules:
     """Rules for sending points to a controller, from the parameters and its profile.
 
-    motoman: points need Motoman's commands. uses: which of the fields velocity and duration of a
-    JOINT_TRAJ_PT the controller uses. speed: speed of a controller that uses neither. slowest:
-    minimum speed of the controller. Both are fractions of the maximum. buffer: maximum number of
-    points of a download. dead_time: start delay of a download per point, s. power: motor power
-    that SPEL+ statements set. announces_streams: a stream of setpoints starts with the sequence
-    START_TRAJECTORY_STREAMING instead of 0. docs/controllers.md describes the values.
+    docs/controllers.md describes the values.
+
+    * `motoman`: points need Motoman's commands.
+    * `uses`: which of the fields velocity and duration of a JOINT_TRAJ_PT the controller uses.
+    * `speed`: fixed speed of a controller that uses no such field, a fraction of the maximum.
+    * `slowest`: minimum speed of the controller, a fraction of the maximum.
+    * `buffer`: maximum number of points of a download.
+    * `dead_time`: start delay of a download per point, s.
+    * `power`: motor power that SPEL+ statements set.
+    * `announces_streams`: the first setpoint of a stream has the sequence
+      START_TRAJECTORY_STREAMING instead of 0.
     """
 
     interface: Interface = 'streaming'
@@ -59,8 +64,8 @@ class DeliveryRules:
 class PreparedTrajectory:
     """A trajectory and its messages, in the order in which they are sent.
 
-    messages: may be created on access (LazyPoints). delay: time from the first message until the
-    controller starts to move the arm, s.
+    * `messages`: may be created on access (LazyPoints).
+    * `delay`: time from the first message until the controller starts to move the arm, s.
     """
 
     trajectory: Trajectory
@@ -71,10 +76,11 @@ class PreparedTrajectory:
 class Delivery(ABC):
     """Interface for sending trajectories and setpoints over a motion link.
 
-    `resumes`: the first point resumes a paused controller, or is rejected with the reason.
-    `keeps_points`: the controller keeps its points when the client is lost, and executes them when
-    a client connects again. `no_streams`: why the controller cannot follow setpoints, or ''.
-    `no_plans`: why the controller cannot execute trajectories of several points, or ''.
+    * `resumes`: the first point resumes a paused controller, or is rejected with the reason.
+    * `keeps_points`: the controller keeps its points when the client is lost, and executes them
+      when a client connects again.
+    * `no_streams`: why the controller cannot follow setpoints, or ''.
+    * `no_plans`: why the controller cannot execute trajectories of several points, or ''.
     """
 
     resumes = False

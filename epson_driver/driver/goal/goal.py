@@ -61,16 +61,16 @@ class Tolerances:
 class Goal:
     """A trajectory in the controller's joint order, with its tolerances.
 
-    goal_tolerance: shape (n,), rad; inf disables the check of a joint.
-    goal_time: maximum delay after the planned end, s; 0 means no limit.
-    goal_velocity: velocity below which each joint counts as stopped, shape (n,), rad/s. The value
-    in `GoalSettings.stopped_velocity` applies instead if it is lower, or if this is None.
-    path_tolerance: maximum deviation from the plan at each time; None: not checked.
-    units: 'rad' or 'm', one per joint; empty: all rad.
-    may_end_moving: the last point may have a velocity. The arm comes to rest there anyway.
-    message: SPEL+ statements that execute the whole goal by Remote Ethernet; None: the messages
-    are created from the trajectory.
-    start: earliest start by the event loop's clock, s; 0: immediately.
+    * `goal_tolerance`: shape (n,), rad; inf disables the check of a joint.
+    * `goal_time`: maximum delay after the planned end, s; 0 means no limit.
+    * `goal_velocity`: velocity below which each joint counts as stopped, shape (n,), rad/s. A
+      lower `GoalSettings.stopped_velocity` replaces it. None: always use that setting.
+    * `path_tolerance`: maximum deviation from the plan at each time; None: not checked.
+    * `units`: 'rad' or 'm', one per joint; empty: all rad.
+    * `may_end_moving`: the last point may have a velocity. The arm comes to rest there anyway.
+    * `message`: SPEL+ statements that execute the whole goal by Remote Ethernet; None: the
+      messages are created from the trajectory.
+    * `start`: earliest start by the event loop's clock, s; 0: immediately.
 
     The goal queue checks every goal before sending any part of it.
     """
@@ -91,7 +91,7 @@ class Goal:
 
 
 def late_start(start: float, now: float) -> str:
-    """Return a text if a goal due at `start` starts too late at `now`, else ''."""
+    """Return a text for the outcome if a goal due at `start` started too late at `now`, or ''."""
     if not start or now - start <= MAX_UNREPORTED_DELAY_S:
         return ''
     return f'; it started {now - start:.3g} s after its header.stamp'
@@ -226,11 +226,11 @@ CAUSE_TIMEOUT_MARGIN_S = 0.04
 class GoalSettings:
     """Tolerances and timeouts of a goal execution.
 
-    stopped_velocity: velocity below which a joint counts as stopped, rad/s.
-    reply_timeout: maximum wait for a reply beyond the planned duration of the move, while the arm
-    is at rest, s.
-    cause_timeout: maximum wait for the STATUS with the cause after a point was rejected, s.
-    require_planned_speed: reject plans and streams that the controller is known to execute faster.
+    * `stopped_velocity`: velocity below which a joint counts as stopped, rad/s.
+    * `reply_timeout`: maximum wait for a reply after the planned end of the move, s. It counts
+      only while the arm is at rest.
+    * `cause_timeout`: maximum wait for the STATUS with the cause after a point was rejected, s.
+    * `require_planned_speed`: reject plans and streams that the controller would execute faster.
     """
 
     stopped_velocity: float = 0.01

@@ -54,10 +54,11 @@ _log = logging.getLogger(__name__)
 class GoalHandle:
     """A goal in the queue.
 
-    on_end: called once, with the outcome. on_feedback: called with each joint sample. task: the
-    task that waits for fresh joints, for the smooth motion, or for the start time, if any. plan:
-    the planning scope of a goal that was planned from a specific start position, or None. Such a
-    goal is rejected while another goal runs, and after its planning was cancelled.
+    * `on_end`: called once, with the outcome.
+    * `on_feedback`: called with each joint sample.
+    * `task`: waits for fresh joints, for the smooth motion or for the start time, if needed.
+    * `plan`: set if the goal was planned from a specific start position. Such a goal is rejected
+      while another goal runs, and after its planning was cancelled.
     """
 
     goal: Goal

@@ -40,10 +40,10 @@ from enum import Enum
 class GoalState(Enum):
     """The state of a goal.
 
-    Rejected: a point was refused and none was accepted before it. Rejected midway: a point was
-    refused after others were accepted. Canceling, stopping and pausing: STOP is pending.
-    Confirmed: STOP was acknowledged. Paused: the arm is at rest, and the goal waits until the
-    speed scaling is above 0.
+    * Rejected: a point was refused and none was accepted before it.
+    * Rejected midway: a point was refused after others were accepted.
+    * Canceling, stopping and pausing: STOP is pending; confirmed: it was acknowledged.
+    * Paused: the arm is at rest, and the goal waits until the speed scaling is above 0.
     """
 
     PREPARING = 'preparing'
@@ -151,8 +151,9 @@ BRAKING_STATES = UNCONFIRMED_STATES | CONFIRMED_STATES
 class FinalArmState:
     """The known state of arm and controller after a goal has ended.
 
-    at_rest: the arm is at rest. broken_off: the controller may or may not execute the points that
-    it has accepted. unanswered: the cause is a missing reply, which may come later.
+    * `at_rest`: the arm is at rest.
+    * `broken_off`: the controller may or may not execute the points that it has accepted.
+    * `unanswered`: the cause is a missing reply, which may come later.
     """
 
     at_rest: bool = False

@@ -34,9 +34,10 @@ M = TypeVar('M', bound=Message)
 
 
 class SpeedScaling:
-    """Speed factor of all motions. It changes in a ramp, except to 0, which is a pause.
+    """Factor by which the speed of all motions is scaled, from 0 (a pause) to 1 (as planned).
 
-    `by_velocity`: the controller uses the velocities of points. Times (`now`) are monotonic, s.
+    It changes gradually, except to 0. `by_velocity`: the controller uses the velocities of points.
+    Times (`now`) are monotonic, s.
     """
 
     def __init__(self, *, by_velocity: bool = True) -> None:
@@ -67,7 +68,7 @@ class SpeedScaling:
         self._from, self._since = 0.0, now
 
     def factor(self, now: float) -> float:
-        """Return the factor at `now`, which must not be before the last call of `set`."""
+        """Return the speed factor at `now`, which must not be before the last call of `set`."""
         change = self._target - self._from
         if not change or not self._target:
             return self._target

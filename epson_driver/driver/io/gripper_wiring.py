@@ -19,8 +19,11 @@ class GripperError(RuntimeError):
 class GripperWiring:
     """Outputs (DO) that open and close the gripper, and inputs (DI) that show its end positions.
 
-    stroke: opening width, m. time: maximum time for opening or closing, s. A gripper that is not
-    closed then counts as holding an object. Raises ValueError if a value is invalid.
+    * `stroke`: opening width, m.
+    * `time`: maximum time for opening or closing, s. A closing gripper that is not closed after
+      this time counts as holding an object.
+
+    Raises ValueError if a value is invalid.
     """
 
     open_output: int

@@ -167,11 +167,13 @@ class IoAnswer:
 class Io:
     """Reads, writes and polls the I/O of one controller while `run` runs.
 
-    states: values of all points that can be read at any time, except flags, or () while they are
-    unknown. They are polled every `period` s and after each write. reason: why `states` is
-    unknown, or ''. on_states: called in the event loop when `states` has changed. changed:
-    notified at the same time. place: host and port, for diagnostics. timeout: reply timeout, s,
-    which may be changed at any time. missing: why I/O is not available at all, or ''.
+    * `states`: values of all points that can be read at any time, except flags. They are polled
+      every `period` s and after each write. While they are unknown, `states` is ().
+    * `reason`: why `states` is unknown, or ''.
+    * `on_states`: called in the event loop when `states` has changed. Then `changed` is notified.
+    * `place`: host and port, for diagnostics.
+    * `timeout`: reply timeout, s, which may be changed at any time.
+    * `missing`: why I/O is not available at all, or ''.
     """
 
     def __init__(

@@ -75,10 +75,13 @@ class PointReply:
 class Backend(ABC):
     """Interface for reading and writing the I/O points of one controller.
 
-    ranges: the existing points, or None while they are unknown. shown: types that can be read at
-    any time. grouped: groups consist of digital points, as docs/io.md describes. link: the link
-    for simple messages, if any. wake: called when this link is established or lost. All timeouts
-    are in s.
+    * `ranges`: the existing points, or None while they are unknown.
+    * `shown`: types of points that can be read at any time.
+    * `grouped`: groups consist of digital points, as docs/io.md describes.
+    * `link`: the link for simple messages, if any.
+    * `wake`: called when this link is established or lost.
+
+    All timeouts are in s.
     """
 
     shown: Sequence[IoType]

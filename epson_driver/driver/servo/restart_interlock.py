@@ -23,9 +23,10 @@ RELEASE_S = 1.0
 class _Topic:
     """Messages received on a topic. Times are the event loop's, s.
 
-    last_message: time of the last message. last_request: time of the last message that requested
-    motion. position: last position, shape (n,). released: the stream was released, and has not
-    been stopped or refused since.
+    * `last_message`: time of the last message.
+    * `last_request`: time of the last message that requested motion.
+    * `position`: last position, shape (n,).
+    * `released`: the stream may move the arm, until it is stopped or refused.
     """
 
     last_message: float = -np.inf

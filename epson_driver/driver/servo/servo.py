@@ -111,9 +111,11 @@ _log = logging.getLogger(__name__)
 class ServoCounts:
     """Numbers of setpoints since the driver started.
 
-    received: all setpoints. refused: not followed. clipped: beyond a joint's range or speed. late:
-    arrived after the arm had started to brake. left_behind: arrived while the arm was more than
-    LEFT_BEHIND_S behind the stream.
+    * `received`: all setpoints.
+    * `refused`: not followed.
+    * `clipped`: beyond the range or the maximum speed of a joint.
+    * `late`: arrived after the arm had started to brake because setpoints were missing.
+    * `left_behind`: arrived while the arm was more than LEFT_BEHIND_S behind the stream.
     """
 
     received: int = 0
@@ -127,14 +129,20 @@ class ServoCounts:
 class _Session:
     """A stream that the arm follows. Times are the event loop's, s.
 
-    setpoint: newest setpoint, which arrived at `received`. sent, sent_velocity: position and
-    velocity of the last point. stepped: time of the last tracker step. sequence: number of the
-    next point. waiting: a reply is pending since `posted`. answered: time of the last reply. span:
-    tracker time since the last point, s. time: sum of the durations of all points, s. waited: the
-    last step was longer than usual. braked: the stream is silent and the arm brakes. released:
-    STOP was sent because of silence, zero velocities or a pause. reference: positions and
-    velocities of the newest position setpoint. fastest: maximum permitted speeds, shape (n,).
-    behind: lag of the tracker behind the stream, s. behind_logged: this lag has been logged.
+    * `setpoint`: the newest setpoint. `received`: arrival of the last one that was not at rest.
+    * `sent`, `sent_velocity`: position and velocity of the last point sent.
+    * `stepped`: time of the last step of the tracker.
+    * `reference`: positions and velocities over time, from the newest position setpoint.
+    * `sequence`: number of the next point.
+    * `waiting`: the point that was sent at `posted` has no reply yet.
+    * `answered`: time of the last reply.
+    * `span`: time that the tracker has advanced since the last point, s.
+    * `time`: sum of the durations of all points, s.
+    * `waited`: the last step of the tracker was longer than usual.
+    * `braked`: the arm has braked since the last setpoint, because no newer one arrived.
+    * `released`: STOP was sent because of silence, zero velocities or a pause.
+    * `fastest`: maximum speeds when following positions, shape (n,), rad/s or m/s.
+    * `behind`: lag of the tracker behind the stream, s. `behind_logged`: a lag has been logged.
     """
 
     setpoint: Setpoint
@@ -498,7 +506,11 @@ class Servo:
     # --- motion -----------------------------------------------------------------------------
 
     def _cycle(self, session: _Session, now: float) -> None:
-        """Advance the tracker and send its position, or stop or end the stream."""
+        """Advance the tracker and send its position as the next point.
+
+        Stop the stream if motion is inhibited. Send STOP but keep the stream if it pauses. End it
+        if no setpoint has arrived for RELEASE_S and the arm is at rest.
+        """
         gap, self._last_cycle = now - self._last_cycle, now
         paused = not self._goals.scaling.target
         if (inhibit := self._why_no_point(session, now)) is not None:
@@ -694,16 +706,13 @@ class Servo:
     # --- end --------------------------------------------------------------------------------
 
     def _release(self, session: _Session, now: float) -> None:
-        """Send STOP, unless all points are executed, but keep the stream.
-
-        Unlike after `stop`, the stream may move the arm again without a release.
-        """
+        """Send STOP unless all points are executed. Later setpoints may move the arm again."""
         if not session.released and not self._done(session, now):
             session.released = True
             self._stopper.stop()
 
     def _restart_or_end(self, session: _Session, now: float) -> None:
-        """End a released stream, or restart it if its newest setpoint requests motion."""
+        """End a stream after its STOP, or follow it again if its setpoints request motion."""
         self._session = None
         if session.setpoint.at_rest or self._silent(session, now):
             _log.info('the stream on %s has ended, and the arm is at rest', session.source)

@@ -38,11 +38,13 @@ class Mode(StrEnum):
 class ServoSettings:
     """Settings for following streams. A change of `scale` applies to the next stream.
 
-    scale: fraction of the velocity, acceleration and jerk limits, (0, 1]. timeout: time without
-    setpoints after which the arm stops, s. start_tolerance: maximum distance of the first position
-    from the arm, rad or m. reply_timeout: maximum wait for a reply while the arm does not move, s.
-    period: minimum time between two points, s. catch_up: maximum speed of an arm that is behind
-    the stream, as a multiple of the stream's speed, ≥ 1.
+    * `scale`: fraction of the velocity, acceleration and jerk limits, (0, 1].
+    * `timeout`: time without setpoints after which the arm stops, s.
+    * `start_tolerance`: maximum distance of the first position from the arm, rad or m.
+    * `reply_timeout`: maximum wait for a reply while the arm does not move, s.
+    * `period`: minimum time between two points, s.
+    * `catch_up`: maximum speed of an arm that is behind the stream, as a multiple of the stream's
+      speed, ≥ 1.
     """
 
     scale: float = 0.25
@@ -57,8 +59,8 @@ class ServoSettings:
 class Window:
     """The next k ≥ 2 points of a stream, from one message.
 
-    times: since the arrival of the message, strictly increasing, shape (k,), s. positions: shape
-    (k, n), rad or m. velocities: shape (k, n), rad/s or m/s, or None.
+    * `times`: since the arrival of the message, strictly increasing, shape (k,), s.
+    * `positions`: shape (k, n), rad or m. `velocities`: shape (k, n), rad/s or m/s, or None.
     """
 
     times: Array
@@ -74,9 +76,9 @@ NO_STATE_YET = 'its sender has no state yet: all values are NaN'
 class Setpoint:
     """One setpoint from the topic `source`, with joints in the controller's order.
 
-    positions: shape (n,), rad or m, or None for a velocity setpoint. velocities: shape (n,), rad/s
-    or m/s. They are the target of a velocity setpoint, and optional for positions. window: all
-    points, if the message has several. `positions` and `velocities` are then the last point's.
+    * `positions`: shape (n,), rad or m, or None for a velocity setpoint.
+    * `velocities`: shape (n,), rad/s or m/s; optional for a position setpoint.
+    * `window`: all points, if the message has several. The other fields then describe the last.
     """
 
     source: str

@@ -21,8 +21,9 @@ ms."""
 class Margins:
     """Tolerances for reported joint values beyond the joint limits.
 
-    position: distance beyond the range, rad or m. An operator can move a joint past its software
-    limits, up to the mechanical stops. velocity: factor on the velocity limit.
+    * `position`: distance beyond the range, rad or m. An operator can move a joint past its
+      software limits, up to the mechanical stops.
+    * `velocity`: factor on the velocity limit.
     """
 
     position: float = 0.1

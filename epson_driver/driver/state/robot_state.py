@@ -76,10 +76,11 @@ velocities are estimated."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
-    """Measured joints. positions, velocities: shape (n,), rad and rad/s. Times are monotonic, s.
+    """Measured joints. Times are monotonic, s.
 
-    time: time of arrival. measured: estimated time of measurement plus the network's minimum
-    delay. SenderClock describes the accuracy.
+    * `positions`, `velocities`: shape (n,), rad and rad/s (or m and m/s).
+    * `time`: time of arrival.
+    * `measured`: estimated time of measurement plus the network's minimum delay (SenderClock).
     """
 
     time: float
@@ -92,10 +93,11 @@ class JointSample:
 class StateRules:
     """Rules for the controller's state messages.
 
-    period: initial estimate of the time between two messages (joints or STATUS), s. limits: joint
-    limits for the plausibility check, with `margins`; None: all values are accepted. timeout: age
-    at which joints are stale even if the controller sends rarely, s. on_request: the controller
-    reports its state only on request, and not while the arm moves.
+    * `period`: initial estimate of the time between two messages (joints or STATUS), s.
+    * `limits`: joint limits for the plausibility check; None: all values are accepted.
+    * `margins`: tolerances of this check.
+    * `timeout`: joints older than this are stale, however long the period is, s.
+    * `on_request`: the controller reports its state only on request, and not while the arm moves.
     """
 
     period: float = 0.005
