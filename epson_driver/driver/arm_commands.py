@@ -44,7 +44,7 @@ class ArmCommands:
     """Commands for the arm. Each returns a sentence with the result, or raises CommandError.
 
     `all_received` waits until the driver has received all goals that clients have already sent.
-    The default does not wait, because some clients submit goals directly.
+    The default does not wait, which is enough if all clients submit goals directly.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class ArmCommands:
             return 'the arm is enabled' + ('' if inhibit is None else f', but {inhibit.text}')
 
     async def _wait_for_first_stop(self) -> None:
-        """Wait until STOP has been sent first on a new motion connection that requires this."""
+        """Wait until STOP was sent, if it must be the first message of a motion connection."""
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
@@ -199,8 +199,8 @@ class ArmCommands:
     async def disable(self) -> str:
         """Disable and stop the arm, and switch the motors off if the driver can do that.
 
-        Raises CommandError if the robot state does not show that the arm is at rest, or if the
-        motors cannot be switched off by a driver that supports it. The arm is disabled anyway.
+        Raises CommandError if the robot state does not show that the arm is at rest, or if
+        switching the motors off fails. The arm is disabled even then.
         """
         driver = self._driver
         driver.disable(DISABLED)
@@ -335,7 +335,7 @@ class ArmCommands:
         self._driver.gate.refusal = None
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
-        """Return the CommandError for a failed action. The text is from the status, or `error`."""
+        """Return the error for a failed action, with the cause from STATUS or else `error`."""
         robot, inhibit = self._driver.robot, None
         if error.status is not None:
             inhibit = refusal_inhibit(*error.status, robot.errors)

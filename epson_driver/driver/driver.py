@@ -91,9 +91,9 @@ class Driver:
         """Returns a description of other processes with the same ROS names, or ''. They also
         receive the requests for this driver."""
         self.namesakes_known = 0.0
-        """Loop time by which all namesakes are discovered, s. The arm is not enabled before."""
+        """Loop time by which such processes are discovered, s. The arm is not enabled earlier."""
         self.stop_due = False
-        """True until STOP has been sent on a new motion connection that requires it first."""
+        """True while STOP must still be sent before any point on a new motion connection."""
         channel = make_channel(
             configuration,
             self._on_state_packet,

@@ -76,9 +76,10 @@ class Cause(Enum):
 class Inhibit:
     """A reason why the arm may not move.
 
-    `text`: the reason, as part of a sentence. `advice`: the first remedy for a controller error
-    from the manufacturer's documentation, or ''. `past`: replaces `text` if the arm is still
-    disabled after the cause has passed, or '' if `text` remains true.
+    * `text`: the reason, as part of a sentence.
+    * `advice`: the manufacturer's first remedy for a controller error, or ''.
+    * `past`: replaces `text` when the cause has passed but the arm is still disabled. It is '' if
+      `text` remains true.
     """
 
     cause: Cause

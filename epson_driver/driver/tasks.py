@@ -103,11 +103,10 @@ async def wait_for_fresh_state(
     """Wait until the state is fresh, and return the loop's time for checking its age, s.
 
     Returns after `timeout` s even if the state is still stale. `stale(time)` returns whether the
-    state is too old at that time. `changed` is notified when input has arrived.
+    state is stale at that time. `changed` is notified when input has arrived.
 
-    A state is too old if no newer one has arrived, but not if this process was delayed and has not
-    read the newer one yet. All input that had arrived by the returned time has therefore been
-    read.
+    A state does not count as stale if a newer one has arrived that this process has not read yet.
+    All input that had arrived by the returned time has therefore been read.
     """
     loop = asyncio.get_running_loop()
     with contextlib.suppress(TimeoutError):

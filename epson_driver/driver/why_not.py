@@ -165,7 +165,7 @@ class InhibitTable:
         return None if self.stopper.delivery.resumes else self._denied(now)
 
     def _ended(self, now: float) -> Inhibit | None:
-        """Return the inhibit if main ended during a motion, because points may remain."""
+        """Return the inhibit if the SPEL+ program ended during a motion: points may remain."""
         ended = self.robot.main_ended and (self.goals.busy or self.servo.active)
         return self._denied(now) if ended else None
 

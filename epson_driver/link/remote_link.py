@@ -214,9 +214,9 @@ class RemoteLink(Link):
     async def ask(self, command: str) -> str:
         """Send a command, given without its `$`, and return the value of its reply.
 
-        Raises RemoteError if the controller refuses the command, or if it is `Execute` while the
-        arm moves, ConnectionError if the link is not connected or is lost, or ValueError if the
-        command is not printable.
+        Raises RemoteError if the controller refuses the command, and for `Execute` while the arm
+        moves. Raises ConnectionError if the link is not connected or is lost, and ValueError if
+        the command is not printable.
         """
         if not command.isprintable():
             shown = repr(without_password(command))

@@ -76,7 +76,7 @@ The value contains only printable characters. Raises RemoteError if the command 
 """
 
 Login = Callable[[float], AbstractAsyncContextManager[Ask]]
-"""Function that opens a session like `logged_in`. Its argument is the session's timeout, s."""
+"""Function that opens a session and yields an `Ask`. Its argument is the session's timeout, s."""
 
 
 class RemoteError(Exception):
@@ -115,9 +115,10 @@ async def execute(
 async def connected(
     host: str, port: int, timeout: float, tries: int = MAX_LOGINS
 ) -> AsyncIterator[Ask]:
-    """Open a session without a login, for `$Sim` commands. Otherwise like `logged_in`.
+    """Open a session without a login, for `$Sim` commands. Yield the function that sends them.
 
-    `tries`: maximum number of attempts, if the controller closes the connection.
+    `timeout`, s, limits the whole session. `tries`: maximum number of attempts to connect, if the
+    controller closes the connection. Raises the exceptions of `logged_in`.
     """
 
     async def first_command(ask: Ask) -> None:
@@ -256,7 +257,7 @@ T = TypeVar('T')
 
 
 class PreemptedError(ConnectionError):
-    """A dialogue on the remote port was cancelled or refused because of an urgent one."""
+    """A dialogue (a sequence of commands) was cancelled or refused because of an urgent one."""
 
     def __init__(self) -> None:
         super().__init__('the remote port was needed for the motors')

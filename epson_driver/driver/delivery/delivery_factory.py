@@ -16,9 +16,10 @@ WHOLE_PERCENT = 0.01
 def delivery_rules(
     profile: ControllerProfile, interface: Interface, message: str
 ) -> DeliveryRules:
-    """Return the rules for a profile and the parameters `interface` and `point_message`.
+    """Return the rules for a controller with this profile.
 
-    Raises ValueError if the parameters do not fit the profile or each other.
+    `interface`, `message`: values of the driver's parameters `interface` and `point_message`.
+    Raises ValueError if they do not fit the profile or each other.
     """
     motoman = profile.program.kind == 'motoman'
     full = message == 'joint_traj_pt_full'

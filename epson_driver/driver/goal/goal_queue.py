@@ -185,7 +185,7 @@ class GoalQueue:
 
         An invalid goal is aborted immediately, and the running goal continues.
 
-        If the last joint state is too old, the goal waits briefly for a newer one, which may still
+        If the last joint state is stale, the goal waits briefly for a newer one, which may still
         be unread because the loop was not scheduled for a while.
         """
         try:
@@ -317,10 +317,7 @@ class GoalQueue:
 
     @property
     def _purpose(self) -> Purpose:
-        """Purpose for which a new goal is checked.
-
-        While a goal runs and the controller reports no joints, it is GOAL, which needs no joints.
-        """
+        """Purpose to check a new goal for: GOAL during a motion without joint data, else READY."""
         moves = self._running is not None and self._robot.joints_unavailable
         return Purpose.GOAL if moves else Purpose.READY
 

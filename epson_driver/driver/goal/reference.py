@@ -64,7 +64,7 @@ class SpeedScaling:
         self._from, self._target, self._since = start, factor, now
 
     def start_from_rest(self, now: float) -> None:
-        """Ramp up from 0 to the target, for an arm at rest in the middle of a plan."""
+        """Increase the factor from 0 to the requested one, for an arm at rest during a plan."""
         self._from, self._since = 0.0, now
 
     def factor(self, now: float) -> float:
@@ -87,9 +87,9 @@ class SpeedScaling:
         return MIN_VELOCITY / message.velocity
 
     def time_for(self, planned: float, now: float) -> float:
-        """Return how long a section of a plan takes if it starts at `now`, s, with the ramp.
+        """Return how long a section of a plan takes from `now`, s, while the factor may change.
 
-        `planned`: duration of the section at factor 1, s. The target must not be 0.
+        `planned`: duration of the section at factor 1, s. The requested factor must not be 0.
         """
         factor = self.factor(now)
         if factor == self._target:
@@ -129,9 +129,9 @@ def scaled(message: M, factor: float, delay: float) -> M:
 
 
 class ReferenceTrajectory:
-    """A trajectory as a function of time, interpolated like in joint_trajectory_controller.
+    """A trajectory as a function of time, with the polynomials of joint_trajectory_controller.
 
-    `start` (shape (n,), rad) is the arm's position at 0 s.
+    `start`: position of the arm at 0 s, shape (n,), rad.
     """
 
     def __init__(self, trajectory: Trajectory, start: Array) -> None:

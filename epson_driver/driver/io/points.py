@@ -133,7 +133,7 @@ def there(io_type: int, index: int, ranges: Ranges) -> bool:
 
 
 def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> IoResult:
-    """Return SUCCESS if a point can be read, or written with `value`, else the error."""
+    """Return SUCCESS if a point can be read (`value` is None) or written, else the error."""
     if io_type not in [item.io_type for item in ranges]:
         return IoResult.TYPE_UNSUPPORTED
     if not there(io_type, index, ranges):

@@ -241,7 +241,7 @@ class Servo:
         return None if self._session is None else self._session.tracker.state[0]
 
     def blocked(self, now: float) -> dict[str, float]:
-        """Return the topics that must be released, with the remaining time until then, s."""
+        """Return the topics whose streams are blocked, with the time until their release, s."""
         return dict(self._interlock.waiting(now))
 
     def active_user(self) -> str | None:
@@ -285,7 +285,7 @@ class Servo:
         return None
 
     def refuse(self, source: str, why: str, arrival: float | None = None) -> None:
-        """Record a message on topic `source` that is not a valid setpoint. See `take`."""
+        """Record an invalid message on topic `source`. `arrival`: loop time, s; None: now."""
         self.counts.received += 1
         self._refuse_invalid(source, why, _now() if arrival is None else arrival)
 
@@ -620,9 +620,9 @@ class Servo:
     ) -> tuple[ServoTarget, Array | float]:
         """Return the target at `now`, and the maximum speed as fractions of the limits.
 
-        The target in a window is ahead of `now` by the arm's lag. The maximum speed is `catch_up`
-        times the stream's speed, for each joint separately, so that the arm stays approximately on
-        the path of the stream.
+        If the setpoint has a window, the target is ahead of `now` by the arm's lag. The maximum
+        speed is `catch_up` times the stream's speed, for each joint separately, so that the arm
+        stays approximately on the path of the stream.
         """
         speed = self._fastest(session, factor)
         if session.setpoint.window is None:

@@ -98,7 +98,7 @@ class Setpoint:
 
     @property
     def holds(self) -> bool:
-        """Whether this is a position setpoint without velocity or motion in its window."""
+        """Whether this is a position setpoint with zero velocities and a constant window."""
         if self.positions is None:
             return False
         if self.velocities is not None and np.abs(self.velocities).max() > MAX_REST_VELOCITY:

@@ -57,7 +57,7 @@ MIN_SPAN_S = 0.01
 the network."""
 
 AGE_FILTER_WEIGHT = 0.2
-"""Weight of a new value in the filtered age of a setpoint when the next one arrives."""
+"""Weight of a new value in the average age that a setpoint has when the next one arrives."""
 
 ABRUPT_MARGIN = 1.2
 """Expected size of the next abrupt stop, as a multiple of the largest abrupt change."""
@@ -98,7 +98,7 @@ class StreamFilter:
         self._speed = self._abrupt = empty.sum(axis=0)
         """Last velocity between two setpoints, and largest recent abrupt change, shape (n,)."""
         self._age = self._usual_age = 0.0
-        """Age of the newest setpoint at the last step, and filtered age when the next arrives."""
+        """Age of the newest setpoint at the last step, and average age when replaced, s."""
 
     def add(self, time: float, positions: Array, velocities: Array | None = None) -> Array:
         """Add a setpoint, and return an estimate of its velocity. All arrays have shape (n,).

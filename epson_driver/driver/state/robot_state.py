@@ -61,7 +61,7 @@ do not show where the arm is, so no motion may start. The limit in s allows netw
 0.2 s. The limit in periods is for controllers that send a few times a second."""
 
 CALM_MESSAGES = 10
-"""Number of messages after a late one whose joints may be old. A controller's program may be
+"""Number of messages after a late one whose joints may be outdated. A controller's program may be
 delayed between measuring the joints and sending them."""
 
 DISTRUST_TIME_S = 1.0
@@ -204,7 +204,7 @@ class RobotState:
         return self.sample
 
     def moved_beyond_model(self, data: tuple[float, ...]) -> int | None:
-        """Return the number of a moving joint that the model lacks, once, and otherwise None."""
+        """Return the number of a joint that moves but is not in the model, once; else None."""
         others = data[self._joints :]
         if self._others is None or others == self._others:
             return None
@@ -264,7 +264,7 @@ class RobotState:
         return self._joints_unavailable()
 
     def stale(self, now: float) -> bool:
-        """Return whether the newest joints are too old at `now`, or currently not reported."""
+        """Return whether the newest joints are outdated at `now`, or currently not reported."""
         usual = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
         max_age = min(usual, self._rules.timeout)
         if self.sample is None:

@@ -79,7 +79,7 @@ class Heartbeat:
         self._request, self._supported = None, False
 
     def before_point(self) -> None:
-        """Send a heartbeat before a first point. Raises ConnectionError if the loop stalled."""
+        """Send a heartbeat before a motion. Raises ConnectionError if the loop has stalled."""
         if not self._supported:
             return
         if not self._has_points():

@@ -128,7 +128,7 @@ class Stopper:
 
     @property
     def may_resume(self) -> bool:
-        """True if the controller may execute old points after a new motion connection."""
+        """True if the controller may execute earlier points when a client connects."""
         return self.delivery.keeps_points or self._ours or not self.over
 
     @property
