@@ -38,9 +38,9 @@ NO_POINTS: frozenset[Point] = frozenset()
 class IoProfile:
     """Inputs and outputs of a controller. The defaults are those of an RC620.
 
-    * `access`: how a driver accesses the points. server: with the messages of docs/io.md at the
-      I/O port, if a program on the controller serves it. remote_ethernet: with EPSON's commands at
-      the remote port. motoman: with MotoROS' messages at the I/O port.
+    * `access`: how a driver accesses the points. 'server': with the messages of docs/io.md at the
+      I/O port, if a program on the controller serves it. 'remote_ethernet': with EPSON's commands
+      at the remote port. 'motoman': with MotoROS' messages at the I/O port.
     * `digital_inputs` to `flags`: number of points of each type. 24 digital inputs and 16 outputs
       are standard on an RC620, and analogue I/O is an optional board. `flags` are SPEL+'s memory
       I/O bits.

@@ -108,7 +108,7 @@ class ProgramProfile:
     * `reply`: 'sequence': a JOINT_POSITION with the request's sequence number. 'header': only a
       header of the request's type.
     * `acknowledge`: when a streamed point is answered. 'taken': once it is accepted. 'default':
-      once it is reached in point-to-point motion, once it is accepted in smooth motion.
+      when the arm reaches it in point-to-point motion, and once it is accepted in smooth motion.
     * `check_sequence`, `check_limits`: whether a point with a wrong sequence number, or outside
       the limits, is refused. Otherwise the motion ends with error 4001 when it reaches a point
       outside the limits.
@@ -123,8 +123,9 @@ class ProgramProfile:
     * `skip_first`: maximum distance of each joint from the arm's position, rad or m, at which the
       first point is skipped (0: never).
     * `motors`: how a driver switches the motors and resets errors. 'none': not at all.
-      'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': likewise, but
-      main is stopped before and started afterwards. 'motoman': by Motoman's commands.
+      'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': also by Remote
+      Ethernet, but the driver stops main before and starts it afterwards. 'motoman': by Motoman's
+      commands.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
       parameters with these names, which select the points of a trajectory to send.
     * `setpoint_period`: default of a driver's parameter `servo.period`, the time between the
@@ -159,10 +160,13 @@ class ProgramProfile:
 class StateProfile:
     """Messages on the state port: one per slot of `period` s.
 
-    A STATUS follows after `joint_positions_per_status` joint messages: in the next slot, or
-    together with the last joint message (`status_with_joints`). `message`: the type of the joint
-    messages. `feedback_time`: whether a JOINT_FEEDBACK contains the controller's time. `errors`:
-    'alarms' reports only errors that need a reset, and no rejected requests or E-stop.
+    * `joint_positions_per_status`: number of joint messages after which a STATUS follows.
+    * `status_with_joints`: whether the STATUS is sent together with the last of these joint
+      messages. Otherwise it is sent in the next slot.
+    * `message`: type of the joint messages.
+    * `feedback_time`: whether a JOINT_FEEDBACK contains the controller's time.
+    * `errors`: which errors are reported. 'alarms': only those that need a reset, so no rejected
+      requests and no E-stop.
     """
 
     period: float

@@ -116,8 +116,10 @@ class Clients(Protocol):
 class Controller:
     """One controller, independent of sockets and real time. Create with `new_controller`.
 
-    `start`: initial arm position, shape (n,), rad. `planner`: planner of smooth motion (None: only
-    point-to-point motion). `state_period`: period of the state port, s. `seed`: of random faults.
+    * `start`: initial arm position, shape (n,), rad.
+    * `planner`: planner of smooth motion (None: only point-to-point motion).
+    * `state_period`: time between two messages on the state port, s.
+    * `seed`: seed of the random faults.
     """
 
     arm: SimulatedArm

@@ -111,8 +111,8 @@ def run(
 ) -> int:
     """Run a program to its end, or for at most `seconds`, and return the exit code.
 
-    `fast`: run without ports, as fast as this machine allows. Raises OSError if a port cannot be
-    opened.
+    `bench`: creates the controller. `remote_port`: TCP port for operator actions. `fast`: run
+    without ports, as fast as this machine allows. Raises OSError if a port cannot be opened.
     """
     console = WaitingConsole() if fast else Console()
     controller, network = bench.controller(program, console, environment)
@@ -205,7 +205,7 @@ def _ended(controller: Controller, code: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """The result of a test. `error`: empty if it passed. `seconds`: duration, s (simulated)."""
+    """The result of a test. `error`: why it failed, or empty. `seconds`: simulated duration, s."""
 
     __test__ = False
 

@@ -132,9 +132,10 @@ DIALECTS = tuple(Dialect(order, real) for order in ByteOrder for real in Real)
 class SimpleMessageError(ValueError):
     """An invalid field of a frame or message.
 
-    `field`: name of the field (`length`, `msg_type`, `comm_type`, `reply_code`, `body`, or a field
-    of the body such as `sequence` or `joints[3]`). `value`: its invalid value. `rule`: description
-    of the valid values.
+    * `field`: name of the field: `length`, `msg_type`, `comm_type`, `reply_code`, `body`, or a
+      field of the body such as `sequence` or `joints[3]`.
+    * `value`: the invalid value.
+    * `rule`: description of the valid values.
     """
 
     def __init__(self, field: str, value: object, rule: str) -> None:

@@ -22,8 +22,8 @@ from epson_driver.simple_message.constants import ByteOrder, CommType, FrameErro
 PREFIX_SIZE = 4
 HEADER_SIZE = 12
 MAX_LENGTH = 0xFFFF
-"""Maximum `length`. The longest standard message (JOINT_TRAJ, 200 points, float64) needs 20,016. A
-maximum below 2**16 makes the detection of the byte order unambiguous."""
+"""Maximum of the field `length`. The longest standard message (JOINT_TRAJ, 200 points, float64)
+needs 20,016. A maximum below 2**16 makes the detection of the byte order unambiguous."""
 
 _PREFIX = {order: struct.Struct(order.value + 'i') for order in ByteOrder}
 _HEADER = {order: struct.Struct(order.value + 'iii') for order in ByteOrder}
@@ -47,8 +47,9 @@ class Frame(NamedTuple):
 class Framer:
     """Splitter of a stream of bytes into frames.
 
-    `byte_order`: None detects it from the first frame. `max_length`: maximum `length`, ≤ 65,535.
-    At most `max_length + 4` bytes plus the last received chunk are stored.
+    * `byte_order`: byte order of the frames (None: detected from the first frame).
+    * `max_length`: largest accepted value of a frame's field `length`, ≤ 65,535. At most
+      `max_length + 4` bytes plus the last received chunk are stored.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:

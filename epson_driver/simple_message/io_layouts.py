@@ -78,7 +78,7 @@ class ItemsLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 as the width of reals, because it has none.
+        """Return the message, and FLOAT32 as the width of reals, because the body has none.
 
         Raises BodyError if the length does not match the number of items.
         """
@@ -121,7 +121,7 @@ class PublishLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 as the width of reals, because it has none.
+        """Return the message, and FLOAT32 as the width of reals, because the body has none.
 
         Raises BodyError if the length does not match the numbers of items and values.
         """

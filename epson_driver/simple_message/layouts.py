@@ -65,7 +65,7 @@ class Layout(Protocol):
         """Return the body. Raises FieldError if a value does not fit its field."""
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the width of its reals, FLOAT32 if it has none.
+        """Return the message and the width of its reals (FLOAT32 if the body has none).
 
         The width follows from the length of the body. Raises BodyError if no message of this type
         has this length.
@@ -75,8 +75,9 @@ class Layout(Protocol):
 class BodyReader:
     """Decoder of bodies of one message class, size and dialect.
 
-    `make`: the result of `_writable` for the class. `body`: `struct` format of the body. `places`:
-    index or slice of each field among the values of the body.
+    * `make`: class that `_writable` returns for the message class.
+    * `body`: `struct` format of the body.
+    * `places`: index or slice of each field among the values of the body.
     """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
@@ -130,10 +131,11 @@ def _fields_of(
 
 
 class _Form:
-    """One of the forms that a body may have.
+    """One of the variants of a body, which differ in whether optional fields are present.
 
-    `counts`: number of values of each field. `codes`: `struct` code of each field, or `r` for a
-    real. `scalar`: for each field, whether it is a single value instead of a tuple.
+    * `counts`: number of values of each field (0: the field is not present).
+    * `codes`: `struct` code of each field, or `r` for a real.
+    * `scalar`: for each field, whether it is a single value instead of a tuple.
     """
 
     def __init__(
@@ -152,7 +154,7 @@ class _Form:
         ]
         frames = [struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies]
         self.frames = [(frame.pack, frame.size - PREFIX_SIZE) for frame in frames]
-        """By dialect number: the packer of a whole frame, and the value of its length prefix."""
+        """For each `Dialect.number`: the packer of a frame, and the value of its length prefix."""
         self.places: list[int | slice] = []
         """Index or slice of each field in the values of a body."""
         start = 0
@@ -184,7 +186,7 @@ class FixedLayout:
         }
         only = len(self._forms) == 1 and len(self._several) <= 1
         self._only_form = self._forms[0] if only else None
-        """The form, if there is only one and it has at most one field with several values."""
+        """The variant, if only one exists and at most one field has several values, else None."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):
@@ -193,7 +195,7 @@ class FixedLayout:
             self._readers.setdefault((body.size, dialect.byte_order), reader)
 
     def size(self, dialect: Dialect) -> int:
-        """Return the size of the first form of the body, bytes."""
+        """Return the size of a body without its optional fields, bytes."""
         return self._forms[0].bodies[dialect.number].size
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
@@ -294,11 +296,11 @@ class PingLayout(FixedLayout):
 
 
 class TrajectoryLayout:
-    """Layout of JOINT_TRAJ, which has two forms.
+    """Layout of JOINT_TRAJ, which has two variants.
 
     ROS-Industrial's C++ library writes the points, then their number. REP-I0006 specifies the
-    number, then always ten points. Both forms are decoded. The library's form is encoded, because
-    existing programs use it.
+    number, then always ten points. Both variants are decoded. Only the library's is encoded,
+    because existing programs use it.
     """
 
     msg_type = int(MessageType.JOINT_TRAJ)
@@ -324,7 +326,8 @@ class TrajectoryLayout:
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
         """Return the message and the width of its reals.
 
-        Raises BodyError if the length fits neither form, or the number of points is wrong.
+        Raises BodyError if the length is wrong for 32-bit and for 64-bit reals, or if the number
+        of points is wrong.
         """
         int32 = struct.Struct(byte_order.value + 'i')
         for real in Real:

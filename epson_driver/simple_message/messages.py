@@ -74,7 +74,7 @@ class JointTraj(Message):
 
 @dataclass(frozen=True, slots=True)
 class Status(Message):
-    """STATUS (13). `mode` is a `Mode`, `error_code` any number. Other fields are a `TriState`."""
+    """STATUS (13). `mode` is a `Mode`, `error_code` any number. The other fields: `TriState`."""
 
     drives_powered: int = TriState.UNKNOWN
     e_stopped: int = TriState.UNKNOWN

@@ -57,7 +57,7 @@ class Invalid(IntEnum):
 class NotReady(IntEnum):
     """Values of `MotionReply.subcode` after NOT_READY: the condition that prevents motion.
 
-    The reply to CHECK_MOTION_READY also has one of them after FAILURE.
+    In the reply to CHECK_MOTION_READY, they are the values of `subcode` after FAILURE.
     """
 
     UNSPECIFIED = 5000
@@ -103,7 +103,7 @@ def bit_address(first_group: int, index: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class ReadIoBit(Message):
-    """READ_IO_BIT (2003). `address`: see `bit_address`."""
+    """READ_IO_BIT (2003), the request to read the bit at `address` (see `bit_address`)."""
 
     address: int
 

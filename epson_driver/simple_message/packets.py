@@ -157,8 +157,9 @@ class PacketFramer(Framer):
     def next_packet(self) -> Packet | None:
         """Return the packet of the next frame, or None if the frame is incomplete.
 
-        Raises FrameError like `next_frame`, or the errors of `decode` if the packet is invalid.
-        After an invalid packet, the next call continues with the following frame.
+        Raises FrameError if the length is invalid, and at every later call. Raises HeaderError if
+        the header is invalid, or BodyError if the body of a topic or request is. In these two
+        cases the next call continues with the following frame.
         """
         buffer, start = self._buffer, self._start
         received = len(buffer) - start

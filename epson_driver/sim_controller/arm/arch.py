@@ -59,10 +59,10 @@ class Leg(Protocol):
 class Arch:
     """Motion up, across and down. Each move starts before the previous one ends.
 
-    The move across starts at the fraction `leave` of the move up and ends at the fraction `join`
-    of the move down. If a joint takes part in two overlapping moves, the move up or down uses at
-    most half of its limits, and the move across the rest. After a pause the remaining legs run
-    one after the other.
+    The move across starts when the fraction `leave` of the move up is completed, and ends when the
+    fraction `join` of the move down is. If a joint takes part in two overlapping moves, the move
+    up or down uses at most half of its limits, and the move across the rest. After a pause the
+    remaining moves are executed one after the other.
     """
 
     def __init__(
@@ -158,6 +158,6 @@ def is_on_leg(leg: Leg, position: Array) -> bool:
 
 
 def changed(limits: JointLimits, by: Callable[[str, Array], Array]) -> JointLimits:
-    """Return limits with velocity, acceleration and jerk replaced by `by(name, limit)`."""
+    """Return limits with velocity, acceleration and jerk computed by `by(name, old limit)`."""
     velocity, acceleration, jerk = (by(kind, getattr(limits, kind)) for kind in _KINDS)
     return replace(limits, velocity=velocity, acceleration=acceleration, jerk=jerk)

@@ -29,11 +29,12 @@ not raise.
 class Point:
     """An accepted point.
 
-    `target` has shape (n,), rad, within the limits. `velocity` is a fraction (0, 1] of the joints'
-    speed, `duration` the time from the previous point, s. In both, 0 means not specified. `cp`
-    selects whether the motion may blend into the next one (None: the executor's default). `path`
-    replaces the straight line in joint space. A motion with a `path` never blends. `setpoint`: a
-    stream of setpoints starts with the point.
+    * `target`: joint positions within the limits, shape (n,), rad.
+    * `velocity`: fraction (0, 1] of the joints' speed (0: not specified).
+    * `duration`: time from the previous point, s (0: not specified).
+    * `cp`: whether the motion may blend into the next one (None: the executor's default).
+    * `path`: replaces the straight line in joint space (None). A motion with a path never blends.
+    * `setpoint`: whether a stream of setpoints starts with this point.
     """
 
     sequence: int
@@ -79,7 +80,7 @@ class Executor(Protocol):
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
+        """Whether the arm is at rest and has no motion to start, for example during a pause."""
 
     @property
     def has_room(self) -> bool:

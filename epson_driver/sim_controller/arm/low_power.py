@@ -25,9 +25,12 @@ LOW_POWER_TOOL_SPEED = 0.25
 class LowPower:
     """The speed and acceleration caps of Power Low.
 
-    fraction: maximum fraction (0, 1] of the robot's limits. tool_speed: maximum tool speed, m/s.
-    reach: largest distance of the tool from each joint's axis, shape (n,), m (1 for a prismatic
-    joint). Raises ValueError if a value is out of range.
+    * fraction: maximum fraction (0, 1] of the robot's limits.
+    * tool_speed: maximum tool speed, m/s.
+    * reach: largest distance of the tool from each joint's axis, shape (n,), m (1 for a prismatic
+      joint).
+
+    Raises ValueError if a value is out of range.
     """
 
     fraction: float

@@ -33,7 +33,8 @@ class Part(NamedTuple):
 class JointMoves:
     """The sum of moves that overlap in time, as a function of the time.
 
-    The sum respects a joint's limits, even during a stop, if these are divided among the parts.
+    The sum respects a joint's limits, even during a stop, if the limits within which its moves
+    were planned add up to at most these.
     """
 
     def __init__(self, origin: Array, parts: Sequence[Part]) -> None:

@@ -37,11 +37,13 @@ Stop = Motion | JointMotion
 class Statement:
     """A `Go` statement.
 
-    target: joint positions, shape (n,), rad. speed, accel: fractions of the limits. ready: its
-    earliest start, s. duration: its minimum duration, s (0: unspecified). executed: whether the
-    program may continue, though the arm may still decelerate. started: whether its motion has
-    started. cp: whether it is executed as soon as the arm decelerates. path: the path, unless it
-    is straight.
+    * target: joint positions, shape (n,), rad.
+    * speed, accel: fractions of the limits.
+    * ready, duration: earliest start, s, and minimum duration, s (0: not specified).
+    * executed: whether the program may continue, though the arm may still decelerate.
+    * started: whether the motion has started.
+    * cp: whether the statement is executed as soon as the arm decelerates.
+    * path: the path, or None if it is straight in joint space.
     """
 
     target: Array
@@ -59,8 +61,9 @@ class Statement:
 class Segment:
     """The motion of a statement, which starts at `start`, s.
 
-    speed: fraction of the limits. decelerates: whether the deceleration of a statement with `cp`
-    has started, so the next motion may start.
+    * speed: fraction of the limits.
+    * decelerates: whether the deceleration of a statement with `cp` has started, so the next
+      motion may start.
     """
 
     statement: Statement
@@ -112,9 +115,11 @@ class PointToPoint:
     at most half of the acceleration. Raises ValueError if `start` is not within the limits, or a
     fraction is out of range.
 
-    start: joint positions, shape (n,), rad. speed, accel: fractions (0, 1] of the limits (SPEL+
-    Speed, Accel). caps: limits at low power (None: low power has no effect). timed: a point's
-    duration also makes its move slower, otherwise ignored. Other arguments: see the module.
+    * start: joint positions, shape (n,), rad.
+    * speed, accel: fractions (0, 1] of the limits (SPEL+ Speed, Accel).
+    * caps: limits at low power (None: low power has no effect).
+    * timed: whether a point's duration, too, can make its move slower. Otherwise it has no effect.
+    * Other parameters: see the module's docstring.
     """
 
     def __init__(
@@ -180,7 +185,7 @@ class PointToPoint:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
+        """Whether the arm is at rest and has no motion to start, for example during a pause."""
         return not (self._segments or self._brake) and (self._paused or not self._queue)
 
     @property

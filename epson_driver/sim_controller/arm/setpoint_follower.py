@@ -111,7 +111,7 @@ class SetpointFollower:
         return bool(self.points_ahead or not self.at_rest or distance > ROUNDING)
 
     def finish(self) -> None:
-        """Do nothing. A stream that starts during the motion continues it."""
+        """Do nothing, because a stream that starts during the motion continues it."""
 
     def change_limits(self, limits: JointLimits) -> None:
         """Replace the limits of an arm at rest. The position limits must be the same."""

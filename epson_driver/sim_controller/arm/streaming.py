@@ -26,10 +26,10 @@ from epson_driver.sim_controller.arm.setpoint_follower import SetpointFollower
 class DeadlineCounters:
     """Counts of timing and planning failures since the start.
 
-    deadline_misses: motion cycles that were late by a whole period. late_plans: plans that arrived
-    after their start time, so the previous plan continued. planner_failures: ends of the planner
-    process, motions without a plan, and violations. violations: times that the arm braked because
-    its smooth motion would have exceeded a limit.
+    * deadline_misses: motion cycles that were late by a whole period.
+    * late_plans: plans that arrived after their start time, so the previous plan continued.
+    * planner_failures: ends of the planner process, motions without a plan, and violations.
+    * violations: times that the arm braked because its motion would have exceeded a limit.
     """
 
     deadline_misses: int = 0
@@ -107,13 +107,12 @@ class Streaming:
 
     `uses` selects the fields of a point that determine the time of its move. A duration is
     respected within the limits. Without a duration, a velocity in (0, 1) is the fraction of the
-    joints' speed. Without either, the arm is as fast as the limits allow. If `uses` selects
-    neither field, each move is executed at the fraction `speed` of the joints' speed. Otherwise
-    `speed` has no effect. `accel` never has one, because SPEL+'s Accel is for point-to-point
-    motion.
+    joints' speed. Without both, the arm is as fast as the limits allow. If `uses` selects
+    no field, each move is executed at the fraction `speed` of the joints' speed. Otherwise `speed`
+    has no effect. `accel` never has an effect, because SPEL+'s Accel is for point-to-point motion.
 
     `low_power_limits` replace `limits` in every motion that starts from rest while `low_power` is
-    set. They must have the same position limits. None: low power has the same limits.
+    set. They must have the same position limits. If None, low power changes no limits.
 
     `timing` counts late plans and violations. `failed` is called with the reason if MAX_ATTEMPTS
     plans from rest fail, or if the smoother brakes to prevent the violation of a limit. Raises
@@ -202,7 +201,7 @@ class Streaming:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
+        """Whether the arm is at rest and has no motion to start, for example during a pause."""
         return not self.moving or (self._paused and self._source.at_rest)
 
     @property

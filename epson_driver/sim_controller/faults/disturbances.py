@@ -20,8 +20,10 @@ _COMM_TYPE_OFFSET = 8
 class OutgoingMessage:
     """One message to the client, and how it is sent. Faults modify both.
 
-    `data`: bytes (empty: the message is lost). `delay`: delay, s. `gather`: time for which
-    messages are collected and then sent together, s. `one_byte`: send each byte separately.
+    * `data`: bytes (empty: the message is lost).
+    * `delay`: time until the message is sent, s.
+    * `gather`: time for which messages are collected and then sent together, s.
+    * `one_byte`: whether each byte is sent separately.
     """
 
     data: bytes
@@ -39,17 +41,17 @@ def lose(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> No
 
 
 def delay(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Delay the message by `seconds`."""
+    """Delay the message by the fault's parameter `seconds`."""
     outgoing.delay += fault.number('seconds')
 
 
 def jitter(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
-    """Delay the message by a random time up to `seconds`."""
+    """Delay the message by a random time up to the fault's parameter `seconds`."""
     outgoing.delay += chance.random() * fault.number('seconds')
 
 
 def coalesce(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Collect messages for `seconds`, and then send them together."""
+    """Collect messages for the fault's parameter `seconds`, and then send them together."""
     outgoing.gather = max(outgoing.gather, fault.number('seconds'))
 
 
@@ -59,7 +61,7 @@ def one_byte(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -
 
 
 def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
-    """Flip `bits` different bits in the fraction `rate` of the messages."""
+    """Flip as many bits as the fault's parameter `bits`, with the probability `rate`."""
     if chance.random() >= fault.number('rate'):
         return
     data = bytearray(outgoing.data)
@@ -70,7 +72,7 @@ def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -
 
 
 def wrong_length(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Overwrite the length field with `value`, or with the true length plus `add`."""
+    """Overwrite the length with the fault's `value`, or with the true length plus its `add`."""
     order = byte_order(outgoing.data)
     if order is None:  # already disturbed by another fault
         return

@@ -57,13 +57,14 @@ MAX_SAVED_S = 0.1
 """Maximum processor time that an idle client saves up, s."""
 
 INITIAL_S = 0.002
-"""Saved processor time of a new client, s. It is short, so reconnecting has no advantage."""
+"""Processor time that a new client may use without a wait, s. It is short, so reconnecting has
+no advantage."""
 
 
 class CpuBudget:
     """The processor time that a client may use without a wait.
 
-    The budget grows by a share of the elapsed time.
+    It grows by a fraction of the elapsed time, up to MAX_SAVED_S.
     """
 
     def __init__(self, now: float) -> None:
@@ -106,13 +107,16 @@ class SpareDescriptor:
 class PortRules(NamedTuple):
     """The rules of one port.
 
-    max_clients: maximum number of clients (None: a full port evicts a client to admit another).
-    Further clients wait HANDOVER_S, at most MAX_WAITING_CLIENTS at a time, and are then refused.
-    max_unsent: number of unsent bytes beyond which a client is disconnected. send_buffer: size of
-    the system's additional buffer, bytes (None: its default). half_closed: a client that has shut
-    down its sending side still receives data for HALF_CLOSED_S. chunk: maximum number of bytes per
-    read. cpu_fraction: fraction of the processor time that all clients together may use in the
-    long run (None: unlimited). replace: a new client replaces the oldest one on a full port.
+    * max_clients: maximum number of clients (None: a full port evicts a client to admit another).
+      Further clients wait HANDOVER_S, at most MAX_WAITING_CLIENTS at a time, and are then refused.
+    * max_unsent: number of unsent bytes beyond which a client is disconnected.
+    * send_buffer: size of the socket's own send buffer, bytes (None: the default).
+    * half_closed: whether a client that has shut down its sending side still receives data for
+      HALF_CLOSED_S.
+    * chunk: maximum number of bytes per read.
+    * cpu_fraction: fraction of the processor time that all clients together may use in the long
+      run (None: unlimited).
+    * replace: whether a new client replaces the oldest one on a full port.
     """
 
     name: str
@@ -159,7 +163,7 @@ class PortServer:
         self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
         """Times at which the latest clients were accepted, s."""
         self._spare = SpareDescriptor()
-        """Descriptor for a client when no other is available, if the port accepts every client."""
+        """Descriptor for a client if the process has no other. Only used without `max_clients`."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
     @property

@@ -199,7 +199,7 @@ class MotomanProgram:
         self._mode.end()
 
     def restart(self) -> None:
-        """Abort, which also ends the trajectory."""
+        """Discard the trajectory, see `abort`."""
         self.abort()
 
     def detach(self) -> None:

@@ -62,7 +62,7 @@ def numbers_rejection(point: JointTrajPt, used: FieldsUsed = FieldsUsed.BOTH) ->
     """Return why the numbers of a point are invalid, or None.
 
     Values must be finite even for joints that the robot does not have. Velocity and duration
-    are checked only if the program uses them, see `used`.
+    are checked only if they are among the fields `used` by the program.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
@@ -112,10 +112,11 @@ def sequence_of(frame: Frame) -> int:
 class Entry:
     """An entry of the queue: a point for the arm, or only a reply to send.
 
-    The arm moves to `point` (None: the entry is only a reply). `reply_to` is the sequence of the
-    request to answer (None: the point was not a request). `starts_trajectory`: a trajectory starts
-    with the point. `rejection`: why the point must not be executed. The motion then ends before
-    it. `ready_at`: earliest time of the controller at which the entry is processed, s.
+    * `point`: point to which the arm moves (None: the entry is only a reply).
+    * `reply_to`: sequence of the request to answer (None: the point was not a request).
+    * `starts_trajectory`: whether a trajectory starts with the point.
+    * `rejection`: why the point must not be executed (None: it may). The motion ends before it.
+    * `ready_at`: earliest time of the controller at which the entry is processed, s.
     """
 
     point: Point | None = None

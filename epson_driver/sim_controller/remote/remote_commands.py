@@ -74,12 +74,13 @@ Run = Callable[[Dialogue, list[str]], str | None]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A remote command. `usage`: its parameters. `text`: its description.
+    """A remote command. Surplus parameters are ignored, because real clients send `$GetStatus,0`.
 
-    Surplus parameters are ignored, because clients in production send `$GetStatus,0`.
-    `run` executes the command and returns its value, if any. If the command has an `event`, `run`
-    only checks the parameters, and then the event is applied. With `whole`, all text after the
-    first comma is one parameter. `always`: the command is accepted even during `$Execute`.
+    * `usage`, `text`: the parameters, and a description.
+    * `run`: function that executes the command and returns its value, if any.
+    * `event`: event that is applied after `run`, which then only checks the parameters.
+    * `whole`: whether all text after the first comma is one parameter.
+    * `always`: whether the command is accepted even while `$Execute` is executing.
     """
 
     usage: str

@@ -43,7 +43,7 @@ _MAX_PUSH = 360.0  # degrees, or mm
 
 
 class SimCommand(NamedTuple):
-    """A command after `$Sim,`: its form, its description, and the function that executes it."""
+    """A command after `$Sim,`: its syntax, its description, and the function that executes it."""
 
     usage: str
     text: str

@@ -148,10 +148,11 @@ def jump_points(
     legs: Sequence[JointLeg | StraightLeg],
     heights: tuple[float, float],
 ) -> Sequence[Point]:
-    """Return the points of a jump up, across and down, with stops between them or as one arch.
+    """Return the points of a jump: one rounded arch, or a stop at the end of each leg.
 
-    heights: heights of the moves up and down, m. The corners are rounded if both heights exceed
-    those of the arch (SPEL+ manual p477).
+    legs: the moves up, across and down. heights: heights of the moves up and down, m. The jump is
+    an arch only if they exceed the depart and approach distances of the arch that the statement
+    selects, such as `C0` (SPEL+ manual p477).
     """
     arch = [request.numbers.get(item, math.inf) / _MM for item in ('depart', 'approach')]
     points = [leg.point for leg in legs]

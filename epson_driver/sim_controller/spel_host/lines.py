@@ -32,10 +32,11 @@ NEAR_WRIST_RAD, NEAR_HAND_M = math.radians(10.0), 0.03
 
 
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, avoids: bool) -> Array:
-    """Return joint angles, shape (k, n), rad, at evenly spaced fractions of a path from `start`.
+    """Return joint angles, shape (k, n), rad, at evenly spaced fractions of a path of the tool.
 
-    `avoids`: whether a real arm leaves the path near a singularity. Raises ValueError if no
-    solution exists, KinematicsError if the robot has no inverse kinematics.
+    `start`: joint angles at its start, shape (n,), rad. `avoids`: whether a real arm leaves the
+    path near a singularity. Raises ValueError if no solution exists, KinematicsError if the robot
+    has no inverse kinematics.
     """
     longest = max(path.length / STEP_M, path.angle / STEP_RAD)
     samples = min(max(math.ceil(longest), MIN_SAMPLES), MAX_SAMPLES)

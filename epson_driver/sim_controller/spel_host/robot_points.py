@@ -60,8 +60,8 @@ LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
 }  # fmt: skip
 """Robot type → LJM number → posture that LJM selects (SPEL+ manual p508).
 
-A row contains hand, elbow and wrist (`=`: like the reference, `!`: the opposite, a flag: this one,
-empty: any), and then the joints that move least in the selected solution.
+A row contains hand, elbow and wrist (`=`: the same as at the start of the motion, `!`: the
+opposite, a flag: this one, empty: any), then the joints that move least in the selected solution.
 """
 
 ASSUMED_PULSES = 10_000.0

@@ -109,9 +109,11 @@ _IO = {
 class SpelHost:
     """Connects the interpreter of a SPEL+ program with the controller.
 
-    `news` is called when a task may continue, and `failed` with the error that ended a task.
-    `pauses` is called for the program's Pause (True) or Cont (False), and `moves` when a task has
-    started a motion. `commanded` returns whether a statement of $Execute is running.
+    * `news`: called when a task may continue.
+    * `failed`: called with the error that ended a task.
+    * `pauses`: called with True for the program's Pause, and with False for Cont.
+    * `moves`: called when a task has started a motion.
+    * `commanded`: returns whether a statement of `$Execute` is executing.
     """
 
     def __init__(

@@ -63,7 +63,7 @@ MOTION_ERRORS = range(4000, 6000)
 """Error numbers for which `Trap Error` gets the robot number 1 (SPEL+ manual p856)."""
 
 ROUNDING_S = 1e-9
-"""Maximum rounding error when the clock's time is converted to the time of the tasks, s."""
+"""Maximum rounding error of the interpreter's time, which is the clock's since the boot, s."""
 
 _log = logging.getLogger(__name__)
 
@@ -168,13 +168,16 @@ class SpelProgram:
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
 
     def _now(self) -> float:
-        """Return the tasks' time, s, rounded up to their next event if it is within ROUNDING_S."""
+        """Return the time since the boot, s.
+
+        If the next event of a task is due within ROUNDING_S, return the time of that event.
+        """
         now = self._controller.clock.now - self._start_time
         due = self._machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _pass_time(self) -> float:
-        """Advance the tasks' time to now without running a task, and return it, s.
+        """Advance the interpreter's clock to now without executing a task. Return its time, s.
 
         This is necessary before a task is started or resumed, because its delays count from now.
         """
