@@ -36,7 +36,7 @@ BEND_RATIO = 1.5
 multiple of the spline's distance from this line."""
 
 MIN_BEND = 0.002
-"""Distance from this line that is always allowed, rad (or m)."""
+"""Distance of the motion from the straight line that is always allowed, rad (or m)."""
 
 NEIGHBOUR_SHARE = 0.25
 """Maximum tolerance at a waypoint, as a fraction of the distance to the nearer adjacent waypoint,
@@ -131,10 +131,10 @@ def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Arra
 def _slowed(
     start: Array, jerks: Array, durations: Array, limits: JointLimits
 ) -> JointMotion | None:
-    """Return the motion with given jerks, slowed down just enough for the limits.
+    """Return the motion with given jerks, slowed down just enough to respect the limits.
 
-    None: it still exceeds a limit. jerks: shape (m, n, STEPS), rad/s³. durations: of the m
-    intervals, shape (m,), s.
+    The result is None if the slower motion still exceeds a limit. jerks: shape (m, n, STEPS),
+    rad/s³. durations: duration of each of the m intervals, shape (m,), s.
     """
     n = len(start)
     steps = np.tile(np.repeat(durations / STEPS, STEPS), (n, 1))

@@ -40,11 +40,12 @@ REST_SHARE = 1e-9
 class JointMotion:
     """A motion of n joints, in which each joint has k pieces of constant jerk.
 
-    state: the initial state. durations, jerks: of the pieces, shape (n, k), s and rad/s³.
-
-    The attribute `duration` is in s, and `end` is the final position, shape (n,), rad. `times` are
-    the start times of the pieces and the end, shape (n, k + 1). `states` are the positions,
-    velocities and accelerations at these times, shape (3, n, k + 1).
+    * state: the initial state.
+    * durations, jerks: duration, s, and jerk, rad/s³, of each piece, shape (n, k).
+    * duration: duration of the whole motion, s.
+    * end: final position, shape (n,), rad.
+    * times: start of each piece, and the end, shape (n, k + 1), s.
+    * states: positions, velocities and accelerations at these times, shape (3, n, k + 1).
     """
 
     def __init__(self, state: State, durations: Array, jerks: Array) -> None:
@@ -249,7 +250,7 @@ def _solved(inp: InputParameter, state: State) -> JointMotion | None:
 
 
 def motion_of(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
-    """Return one motion made of Ruckig's trajectory of all joints, or one trajectory per joint."""
+    """Return one motion from one Ruckig trajectory of all joints, or from one for each joint."""
     profiles = [profile for trajectory in trajectories for profile in trajectory.profiles[0]]
     durations = [[*profile.brake.t, *profile.t] for profile in profiles]
     jerks = [[*profile.brake.j, *profile.j] for profile in profiles]

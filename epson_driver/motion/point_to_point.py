@@ -63,8 +63,9 @@ length."""
 class Pieces:
     """A move as seven pieces of constant jerk, and the rest after it as an eighth piece.
 
-    Shapes (8,). times: start of each piece, s. distances, velocities, accelerations: values at
-    these times. jerks: constant jerk of each piece.
+    * times: start of each piece, shape (8,), s.
+    * distances, velocities, accelerations: values at these times, shape (8,).
+    * jerks: jerk of each piece, shape (8,).
     """
 
     times: Array
@@ -75,7 +76,7 @@ class Pieces:
 
 
 SPEED_HALVINGS = 20
-"""Bisection steps in the search for the speed that gives a duration, to a millionth."""
+"""Number of bisection steps to find the speed for a given duration. Its error is a millionth."""
 
 
 class LineMotion:
@@ -193,8 +194,9 @@ def straight(
 ) -> Trajectory:
     """Return the fastest straight move in joint space from rest to rest, as points.
 
-    `speed`, `acceleration`: fractions of the limits, like in `go`. `sampled`: whether the points
-    are for a controller that interpolates positions and velocities. Raises ValueError like `go`.
+    `speed`, `acceleration`: fractions of the limits, as in `go`. `sampled`: whether the points are
+    for a controller that interpolates positions and velocities. Raises ValueError if an argument
+    is invalid or the target is outside the position limits.
     """
     period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
     return go(limits, start, target, speed, acceleration).points(period, with_start=sampled)
@@ -230,9 +232,10 @@ def _check_vector(name: str, vector: Array, limits: JointLimits) -> None:
 def go_in(
     limits: JointLimits, start: Array, target: Array, duration: float, speed: float, accel: float
 ) -> LineMotion:
-    """Return a move like `go`, slowed down to take `duration` s.
+    """Return the move of `go`, slowed down to take `duration` s.
 
-    It takes longer if `speed` and `accel` require this. Raises ValueError like `go`.
+    It takes longer if `speed` and `accel` require this. Raises ValueError if an argument is
+    invalid or the target is outside the position limits.
     """
     motion = go(limits, start, target, speed, accel)
     low, high = 0.0, speed

@@ -26,7 +26,7 @@ RANGE_MARGIN = 1e-9
 rounding."""
 
 ROUNDING = 1e-10
-"""A smaller change of a constant target does not start another motion, rad or m."""
+"""Change of a constant target below which no new motion starts, rad or m."""
 
 MIN_SPEED_SHARE = 1e-4
 """Fraction of a joint's velocity limit below which a commanded velocity counts as zero."""
@@ -211,9 +211,9 @@ class SetpointTracker:
     def brake(self, target: Array | None = None, speed: float | Array = 1.0) -> None:
         """Come to rest, at `target`, shape (n,), if possible.
 
-        Stop as fast as possible instead if there is no target, or if this takes over RETURN_S
-        less. `speed`: fraction (0, 1] of the velocity limits for the motion to the target,
-        for all joints or for each, shape (n,).
+        Without a target, stop as fast as possible. Do the same if the motion to the target takes
+        over RETURN_S longer than this stop. `speed`: fraction (0, 1] of the velocity limits for
+        the motion to the target, for all joints or for each, shape (n,).
         """
         if self._final:
             return
@@ -277,10 +277,7 @@ class SetpointTracker:
         return JointMotion(state, np.array(durations), np.array(used))
 
     def _execute(self, motion: JointMotion, *, final: bool) -> bool:
-        """Execute a motion from now on if it respects all limits and ends at rest.
-
-        Return whether it is executed. final: new value of `_final`.
-        """
+        """Execute a motion if it respects all limits and ends at rest. Return whether it does."""
         if not motion.within(self.limits):
             return False
         self.motion, self.time, self._final = motion, 0.0, final
@@ -344,7 +341,7 @@ class _Joint:
         return jerk, short
 
     def _respects(self, time: float, jerk: float, state: _State, low: float, high: float) -> bool:
-        """Return whether `time` s with a constant jerk, and the stop after it, respect all limits.
+        """Return whether constant jerk for `time` s, followed by a stop, respects all limits.
 
         low, high: bounds of the position.
         """

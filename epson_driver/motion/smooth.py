@@ -31,7 +31,7 @@ def smooth(
 
     waypoints: shape (k, n), rad (or m), with the joints in the order of the limits. times:
     commanded time of each waypoint, shape (k,), s, respected where the limits allow it. With None,
-    the motion is as fast as the limits allow. The other arguments are those of `smoothed`. Raises
+    the motion is as fast as the limits allow. `smoothed` describes the other arguments. Raises
     ValueError if an argument is invalid or the motion would exceed a limit.
     """
     from epson_driver.motion.smoothed import smoothed  # most programs need no smoother

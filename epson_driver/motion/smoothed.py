@@ -120,7 +120,7 @@ ROUNDING_SHARE = 1e-9
 """Fraction of a period that counts as rounding when a duration is divided into periods."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
-"""Function that plans a motion of the smoother, like `smoother.plan`."""
+"""Function that plans a motion of the smoother. The default is `plan`."""
 
 
 def smoothed(
@@ -204,10 +204,7 @@ def smoothed(
 
 
 def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:
-    """Return the fastest motion through a trajectory's points, or None if none was found.
-
-    Points that are close together are merged, like in the smoother.
-    """
+    """Return the fastest motion through the points, merged where close together, or None."""
     points = Waypoints(limits, trajectory.positions[0], Mode.TIME_OPTIMAL)
     for position in trajectory.positions:
         points.append(position, None, 0.0, in_motion=False)
@@ -281,10 +278,10 @@ def thinned(
 ) -> Trajectory:
     """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
-    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory, and
-    points of the motion where those are too far apart. They are closer where a segment would
+    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory. Where
+    these are too far apart, points of the motion are added. They are closer where a segment would
     deviate by more than `deviation`, rad (or m), from the motion in a joint. The last two may also
-    be closer. `mode` and `refine` are those of `smoothed`. Raises the errors of `smoothed`.
+    be closer. `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
@@ -317,10 +314,9 @@ def thinned(
 def _segment_ends(
     motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the end times, s, of the straight pieces into which part of a motion is divided.
+    """Yield the end times, s, of straight pieces within `deviation` of a part of a motion.
 
-    No piece deviates from the motion by more than `deviation`. segment: start and end of the part,
-    s.
+    segment: start and end of the part, s.
     """
     start, end = segment
     inside = motion.positions[(motion.times > start) & (motion.times < end)]

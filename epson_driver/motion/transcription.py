@@ -65,7 +65,8 @@ LIMIT_MARGIN = 1e-6
 joint has no velocity there."""
 
 _EPSILON = 1e-6
-"""Weight of a small cost of all changes, which makes the systems solvable."""
+"""Weight of a small penalty on the change of each unknown, which keeps the linear systems of the
+iteration from being singular."""
 
 _FREE = 1e3
 """Half the width of a row's range, so large that the row has no effect."""
@@ -79,9 +80,10 @@ are before it."""
 class Problem:
     """Constraints of m intervals of n joints, in rad (or m).
 
-    start, chord: start of each interval's chord, and the vector to its end, shape (m, n). bend:
-    maximum distance from the chord, shape (m,). tolerance: maximum distance of a knot from its
-    initial position, shape (m + 1,), np.inf at knots that are no waypoints.
+    * start, chord: start of each interval's chord, and the vector to its end, shape (m, n).
+    * bend: maximum distance from the chord, shape (m,).
+    * tolerance: maximum distance of a knot from its initial position, shape (m + 1,). It is np.inf
+      at knots that are no waypoints.
     """
 
     limits: JointLimits
@@ -401,7 +403,7 @@ class Search:
     def _solve_knots(
         self, systems: Array, right_sides: Array, weights: Array, forces: Array
     ) -> Array | None:
-        """Return the change of the knots' states and of h, (m + 1, 3 n + 1). None: not finite."""
+        """Return the changes of states and h, (m + 1, 3 n + 1), or None if one is not finite."""
         (m, n), states = self._size, self._at_knot
         size, of_h = 3 * n + 1, 3 * n
         diagonal, right = np.zeros((m + 1, size, size)), np.zeros((m + 1, size))

@@ -40,7 +40,12 @@ SOLD_AS = {
 
 
 class Layer(NamedTuple):
-    """Values for a model from a file or an entry in it. where: keys of the entry, or ()."""
+    """Values for a model, from a file or from one entry of the file.
+
+    * path: the file.
+    * where: the keys that lead to the entry, or () for the whole file.
+    * values: key → value.
+    """
 
     path: Path
     where: tuple[str, ...]
@@ -55,8 +60,8 @@ def robot_models() -> tuple[str, ...]:
 def model_name(name: str) -> str:
     """Return the name of a model in config/robots/, or the path of a .yaml file unchanged.
 
-    EPSON's spelling C4-A601S is accepted, also without the hyphen or without the S of the standard
-    form, an abbreviation that matches only one model, and the name under which an arm is sold.
+    Also accepted are EPSON's spelling C4-A601S, with or without the hyphen and the last S, the
+    first letters of a name if only one model has them, and the name under which an arm is sold.
     Raises InputError if no model matches. The error suggests similar names, or lists the missing
     data of an EPSON arm without a model.
     """
@@ -82,7 +87,7 @@ def model_name(name: str) -> str:
 
 
 def layers(name: str) -> list[Layer]:
-    """Return a model's layers. Each overrides the previous ones. name: as for `model_name`."""
+    """Return the layers of the data of model `name`. Each layer overrides the previous ones."""
     name = model_name(name)
     if name.endswith('.yaml'):
         path = Path(name)
@@ -124,7 +129,7 @@ def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
 
 
 def _listed(name: str) -> str:
-    """Convert EPSON's spelling of a model's name to the spelling in files and in ROS."""
+
     return name.lower().replace('-', '_')
 
 

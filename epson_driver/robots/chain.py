@@ -72,7 +72,7 @@ def reach(chain: Chain, types: tuple[str, ...], strokes: Array, tool: Array) -> 
 
     The computation starts at the tool. A revolute joint turns the part of its offset that is
     perpendicular to its axis, which is an arm of fixed length. The part along the axis is passed
-    on to the previous joint. The reach of a joint is the sum of its arm and of those after it.
+    on to the previous joint. The reach of a joint is the sum of the arms from it to the tool.
     """
     count = len(types)
     arms = np.zeros(count)

@@ -102,11 +102,11 @@ class Kinematics:
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
         """Return all joint positions within the limits that bring the tool to a pose in base_link.
 
-        Shape (k, n), sorted by the distance from `near` (default: all joints 0). k is 0 if the
-        pose is out of reach. A joint that can turn more than once is returned with every turn. In
-        a wrist singularity (joint 5 of a six-axis arm is straight) joint 4 is as in `near`, one
-        solution of infinitely many. If a six-axis arm's wrist, or a SCARA's folded arm, is on
-        joint 1's axis, joint 1 is as in `near`.
+        The k results, shape (k, n), are sorted by the distance from `near` (default: all joints
+        0). k is 0 if the pose is out of reach. A joint that can turn more than once is returned
+        with every turn. In a wrist singularity (joint 5 of a six-axis arm is straight) joint 4 is
+        as in `near`, one solution of infinitely many. If a six-axis arm's wrist, or a SCARA's
+        folded arm, is on joint 1's axis, joint 1 is as in `near`.
 
         Raises KinematicsError for a chain without a closed form, and ValueError if the matrix is
         no pose.
@@ -122,7 +122,7 @@ class Kinematics:
         return np.array(result).reshape(-1, len(near))
 
     def why_unreachable(self, pose: Array) -> str:
-        """Return why a pose's orientation is unreachable, or ''. Raises errors like `inverse`."""
+        """Return why an orientation is unreachable, or ''. Raises the errors of `inverse`."""
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:
@@ -225,10 +225,10 @@ POSES = 2000
 """Number of random poses over the joint ranges that represent the workspace."""
 
 USUAL = 0.8
-"""MoveIt Servo slows the arm if the condition number exceeds this quantile of these poses."""
+"""Quantile of the condition numbers of these poses above which MoveIt Servo slows the arm."""
 
 NEARLY_ALL = 0.95
-"""MoveIt Servo halts the arm if the condition number exceeds this quantile of these poses."""
+"""Quantile of the condition numbers of these poses above which MoveIt Servo halts the arm."""
 
 
 def singularity_thresholds(model: RobotModel) -> tuple[float, float]:

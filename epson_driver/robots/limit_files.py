@@ -86,8 +86,9 @@ def limits_of(
 ) -> tuple[JointLimits, list[str]]:
     """Return the limits of some joints, and a sentence for each assumed limit.
 
-    ratios: default ratio of the acceleration to the velocity, and of the jerk to the acceleration,
-    1/s. Raises InputError if a position or velocity limit is missing.
+    rows: known limits. ratios: default acceleration limit divided by the velocity limit, and
+    default jerk limit divided by the acceleration limit, 1/s. Raises InputError if a position or
+    velocity limit is missing.
     """
     result, assumed = [], []
     for joint in joints:

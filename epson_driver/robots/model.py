@@ -23,7 +23,7 @@ from epson_driver.robots.chain import (
 from epson_driver.robots.reader import MARKS, Provenance, Range, Reader
 
 POSITION_RANGE: Range = (-6e4, 6e4, 'degrees or mm')
-"""166 turns, or 60 m of a rail, in each direction."""
+"""Range of position limits: 166 turns, or 60 m of a rail, in each direction."""
 
 SPEED_RANGE: Range = (1e-3, 1e7, 'degrees/s or mm/s')
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
@@ -77,13 +77,14 @@ _KINDS = {
 class RobotModel:
     """The data of one robot model, with joints in the controller's order.
 
-    pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint, NaN
-    if unknown.
-    joint_types: 'revolute' or 'prismatic'. chain: the joints, in base_link. tool0: the
-    controller's Tool 0 in the last link's frame. base: EPSON's world in base_link. payload,
-    mass: maximum payload and mass of the arm, kg, None if unknown. provenance: the source of each
-    quantity, by its key in the file without the unit. file: the name or path that it was loaded
-    from.
+    * pulses_per_degree: encoder pulses per degree (or mm), shape (n,), NaN if unknown.
+    * joint_types: 'revolute' or 'prismatic' for each joint.
+    * chain: the joints, in base_link.
+    * tool0: the controller's Tool 0 in the last link's frame.
+    * base: EPSON's world in base_link.
+    * payload, mass: maximum payload and mass of the arm, kg, None if unknown.
+    * provenance: the source of each quantity, by its key in the file without the unit.
+    * file: the name or path from which the model was loaded.
     """
 
     name: str
@@ -127,12 +128,12 @@ class RobotModel:
         )
 
     def checked_payload(self, payload: float, field: str = 'payload') -> float:
-        """Return a payload mass, kg. Raises InputError if the arm may not carry it."""
+        """Return `payload`, kg. Raises InputError, with `field`, if the arm may not carry it."""
         rule = number(0.0, MAX_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
         return float(rule.checked(payload, field))
 
     def for_folding_arm(self, joints: Sequence[float]) -> Array:
-        """Convert joint positions of a six-axis arm upright at zero, (6,), rad, to this arm.
+        """Convert positions, (6,), rad, of a six-axis arm that is upright at zero, to this arm.
 
         At zero, the upper arm of a folding arm points backwards, and its forearm forwards.
         """
@@ -222,7 +223,7 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
-    """Convert joint values, shape (n, …), from degrees and mm to rad and m, like urdf/."""
+    """Convert joint values, shape (n, …), from degrees and mm to rad and m."""
     turns = np.array([item != PRISMATIC for item in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 

@@ -45,9 +45,9 @@ _Y, _Z = np.eye(3)[1:]
 class OpwParameters:
     """The parameters of the closed form.
 
-    lengths, m: a1 from joint 1's axis to joint 2's axis, a2 elbow offset, b sideways offset of the
-    wrist, c1 height of joint 2, c2 upper arm, c3 elbow to wrist, c4 wrist to Tool 0. offsets: rad,
-    one per joint. signs: 1 or -1, one per joint.
+    * lengths, m: a1 from joint 1's axis to joint 2's axis, a2 elbow offset, b sideways offset of
+      the wrist, c1 height of joint 2, c2 upper arm, c3 elbow to wrist, c4 wrist to Tool 0.
+    * offsets, signs: offset, rad, and sign, 1 or -1, of each joint.
     """
 
     lengths: dict[str, float]

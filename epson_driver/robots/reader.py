@@ -113,7 +113,7 @@ class Reader:
         return names
 
     def choices(self, key: str, allowed: tuple[str, ...], count: int) -> tuple[str, ...]:
-        """Return one word per joint, by default the first of the allowed words."""
+        """Return one of the allowed values for each joint, by default the first of them."""
         words = self.get(key, list, [allowed[0]] * count)
         if len(words) != count or not all(word in allowed for word in words):
             rule = f'must be a list of one per joint, each of {", ".join(allowed)}'

@@ -25,9 +25,10 @@ UPRIGHT_RAD = 1e-6
 class ScaraParameters:
     """Parameters of the closed form.
 
-    lengths: arm_1 and arm_2, seen from above, and height of link_4 at the zero pose, m. base:
-    position of joint 1's axis. arms: the vectors of both arms at the zero pose. These vectors are
-    complex numbers x + iy, m. signs: one per joint, 1 if its axis points up, else -1.
+    * lengths: lengths of both arms, seen from above, and height of link_4 at the zero pose, m.
+    * base, arms: position of joint 1's axis, and the vectors of both arms at the zero pose, as
+      complex numbers x + iy, m.
+    * signs: 1 for each joint whose axis points up, else -1.
     """
 
     lengths: dict[str, float]

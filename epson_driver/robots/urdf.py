@@ -72,9 +72,10 @@ def urdf(robot_model: str, **arguments: str) -> str:
 
 
 def srdf(robot_model: str, **arguments: str) -> str:
-    """Return MoveIt's semantic description of a model, like `urdf`.
+    """Return the SRDF, MoveIt's semantic description, of a model. Its group is `manipulator`.
 
-    `arguments`: arguments of urdf/epson_robot.srdf.xacro. The group's name is `manipulator`.
+    `robot_model`: name or path as for `load_robot_model`. `arguments`: arguments of
+    urdf/epson_robot.srdf.xacro. Raises the same errors as `urdf`.
     """
     return _described('epson_robot.srdf.xacro', robot_model, arguments)
 

@@ -52,8 +52,10 @@ RESERVE_FRACTION = 0.01
 class _Part:
     """A move without its blends, or a blend.
 
-    size: duration at full speed, s. coefficients: polynomials from the fraction of the part,
-    [0, 1], to the joint positions, shape (6, n), rad (m). blend: whether the part is a blend.
+    * size: duration at full speed, s.
+    * coefficients: polynomials from the fraction of the part, [0, 1], to the joint positions, rad
+      (m), shape (6, n).
+    * blend: whether the part is a blend.
     """
 
     size: float
@@ -76,8 +78,11 @@ def blended_joints(
 ) -> TimedRun:
     """Return the fastest motion from rest to rest, straight in joint space except in blends.
 
-    targets: end of each move, shape (n,). radii: blend radius of the tool at the end of each move
-    except the last, m. limits: limits of each move. A blend respects the limits of both moves.
+    * start, targets: joint positions at the start, and at the end of each move, shapes (n,).
+    * radii: blend radius of the tool at the end of each move except the last, m.
+    * limits: joint limits of each move. A blend respects the limits of both adjacent moves.
+    * checkpoint: called at every step of planning. It may raise to cancel.
+
     Raises BlendError if a blend does not fit or a move has no length, or PathError if no motion is
     possible.
     """
@@ -114,10 +119,7 @@ def _parts(
     limits: Sequence[JointLimits],
     checkpoint: Checkpoint,
 ) -> list[_Part]:
-    """Return the moves, and the blends between them.
-
-    Raises BlendError if a blend does not fit or a move has no length.
-    """
+    """Return the moves, and a blend between each two of them. Raises BlendError if none fits."""
     steps = [last - first for first, last in pairwise(corners)]
     sizes = [
         float(np.max(np.abs(step) / maximum.velocity))
@@ -169,8 +171,8 @@ def _fraction_within(
 ) -> float:
     """Return the first fraction of a move from a corner at which the tool is `radius` m away.
 
-    step: the move, shape (n,). Raises BlendError, with `index`, if the tool is never that far
-    away.
+    step: joint displacement of the move, shape (n,). index: index of the corner. Raises BlendError
+    with this index if the tool is never that far away.
     """
     count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_SAMPLES, MAX_SAMPLES))
     (origin,) = positions(corner[None, :])
@@ -205,10 +207,11 @@ def _blend(
 ) -> tuple[float, Array]:
     """Return a blend's extent to each side of a corner, s at full speed, and its coefficients.
 
-    positions: function for the tool's positions. rates: the joints' velocities at full speed
-    before and after the corner. extent: maximum extent. The extent is reduced until the tool stays
-    within `radius`, m, of the corner. Raises BlendError, with `index`, if no extent is small
-    enough.
+    * positions: function from joint positions to tool positions.
+    * rates: joint velocities at full speed before and after the corner.
+    * extent: maximum extent, s. It is reduced until the tool stays within `radius`, m, of the
+      corner.
+    * index: index of the corner. Raises BlendError with it if no extent is small enough.
     """
     (origin,) = positions(corner[None, :])
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1)

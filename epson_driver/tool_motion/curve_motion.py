@@ -81,7 +81,7 @@ class Curve:
 
     @property
     def derivative_bounds(self) -> tuple[Array, Array, Array]:
-        """Upper bounds of the magnitudes of three derivatives by the fraction, shapes (n,)."""
+        """Upper bounds of the magnitudes of the first three derivatives, shapes (n,)."""
         slopes = [np.abs(self._slope(index)) for index in range(len(self.samples) - 1)]
         slopes.append(np.abs(self.at(1.0)[1]))
         second = np.max(np.abs(self._second), axis=0)
@@ -91,7 +91,7 @@ class Curve:
 
 
 class CurveMotion:
-    """A motion along a curve, as a function of the time since its start, like LineMotion.
+    """A motion along a curve, as a function of the time since its start.
 
     `origin` and `end` are the start of the curve and the final position, shapes (n,), rad.
     `duration` is in s. `go_along` and `stop` create such motions.

@@ -59,11 +59,13 @@ Checkpoint = Callable[[], None]
 class JointPath:
     """The joint positions along a run, which is a path from rest to rest.
 
-    distances: distance of each of k samples from the start, shape (k,), m or another unit. joints,
-    positions: joint positions, shape (k, n), and tool positions, shape (k, 3), m, at the samples.
-    joints_at: function from other distances, shape (m,), to joint positions, shape (m, n). name,
-    frame: name of the run, and frame of positions, in error texts. checkpoint: called at each
-    sample.
+    * name: name of the run in error texts.
+    * distances: distance of each of k samples from the start, shape (k,), m or another unit.
+    * joints: joint positions at the samples, shape (k, n), rad (m).
+    * positions: tool positions at the samples, shape (k, 3), m.
+    * joints_at: function from other distances, shape (m,), to joint positions, shape (m, n).
+    * checkpoint: function that is called at each sample. It may raise to cancel.
+    * frame: frame of positions in error texts.
     """
 
     name: str

@@ -121,10 +121,7 @@ def _name(index: int, primitive: Primitive) -> str:
 
 
 def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
-    """Yield each group of motions that are blended together, with the index of its first motion.
-
-    Raises SequenceError if motions cannot be blended.
-    """
+    """Yield each group of motions blended together, with the index of its first motion."""
     first = 0
     for index, primitive in enumerate(primitives):
         if primitive.blend_radius == 0.0:

@@ -47,8 +47,9 @@ of speed."""
 class TimedRun:
     """Points of a motion from rest to rest.
 
-    times: times of the points from 0, shape (k,), s. positions, velocities: those of the joints,
-    shape (k, n). ends: end time of each segment, shape (m,), s.
+    * times: time of each point from 0, shape (k,), s.
+    * positions, velocities: joint positions and velocities at the points, shape (k, n).
+    * ends: end time of each segment, shape (m,), s.
     """
 
     times: Array
@@ -73,9 +74,12 @@ def timed(
 ) -> TimedRun:
     """Return the fastest motion along a path within the limits of its parts and of the joints.
 
-    ends: distances at which the segments end, shape (m,). accuracy: maximum distance of the tool
-    from the path between two points, m, if the joints move straight. slow: whether to slow down
-    where a joint limit requires it. Raises PathError if no motion is possible.
+    * ends: distances at which the segments end, shape (m,).
+    * accuracy: maximum distance of the tool from the path, m, while the joints move straight
+      between two points.
+    * slow: whether to slow down where a joint limit requires it.
+
+    Raises PathError if no motion is possible.
     """
     for motion, stretch in _motions(path, parts, slow=slow):
         period = PERIOD_S
@@ -92,10 +96,10 @@ def timed(
 
 
 def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory, Array]:
-    """Return consecutive runs as one trajectory, with rests of REST_S between them.
+    """Return one trajectory of consecutive runs, with a rest of REST_S after each but the last.
 
-    The second result is the end time of each segment, s. Raises PathError if there would be more
-    than MAX_POINTS.
+    names: joint names. The second result is the end time of each segment, s. Raises PathError if
+    the trajectory would have more than MAX_POINTS.
     """
     if (count := sum(len(run.times) for run in runs)) > MAX_POINTS:
         raise PathError(f'{count} points: must be at most {MAX_POINTS}, so send fewer motions')

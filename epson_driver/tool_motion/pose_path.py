@@ -37,9 +37,11 @@ SHORTEST_PATH = 1e-6
 class PosePath:
     """A path of poses.
 
-    length: m. angle: total turn, rad. pose: function from a fraction of the path, [0, 1], to the
-    pose. derivatives: function from a fraction to the first three derivatives by it, shape (3, 6):
-    of the position, m, and of the turn about the axes of the moving frame, rad.
+    * length: length, m.
+    * angle: total turn, rad.
+    * pose: function from a fraction of the path, [0, 1], to the pose.
+    * derivatives: function from a fraction to the first three derivatives by it, shape (3, 6): of
+      the position, m, and of the turn about the axes of the moving frame, rad.
     """
 
     length: float
@@ -107,7 +109,7 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
 
 
 def level_arc(start: Array, via: Array, end: Array) -> PosePath:
-    """Return a path whose projection to the xy plane is an arc, like `arc`, with even change of z.
+    """Return a path whose projection to the xy plane is an arc, and whose z changes evenly.
 
     Raises ValueError if the projected points do not define an arc.
     """
@@ -208,9 +210,11 @@ def size_of(path: PosePath) -> float:
 def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
     """Return the runs of a path, which are separated by rests.
 
-    segments: each starts at the end of the previous one. blends: the radius at the end of each
-    segment except the last, m, or 0 for a rest. Raises BlendError if a segment has no length and
-    no turn, or a blend is longer than its segment.
+    * segments: paths, each of which starts at the end of the previous one.
+    * blends: blend radius at the end of each segment except the last, m, or 0 for a rest.
+
+    Raises BlendError if a segment has no length and no turn, or a blend is longer than its
+    segment.
     """
     radii = [0.0, *blends, 0.0]
     for index, (segment, (start, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):

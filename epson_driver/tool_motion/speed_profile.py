@@ -62,8 +62,9 @@ def fraction_of_limits(
 class SpeedProfile:
     """A motion along a path, as k pieces of constant jerk.
 
-    times: start of each piece, and the end, shape (k + 1,), s. distances, speeds, accelerations:
-    values at these times, shape (k + 1,). jerks: jerk of each piece, shape (k,).
+    * times: start of each piece, and the end, shape (k + 1,), s.
+    * distances, speeds, accelerations: values at these times, shape (k + 1,).
+    * jerks: jerk of each piece, shape (k,).
     """
 
     times: Array

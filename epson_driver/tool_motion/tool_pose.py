@@ -17,8 +17,8 @@ MAX_TOOL_M = 10.0
 def numbers(field: str, values: object, form: str = 'numbers') -> Array:
     """Return numbers as an array. They may be NaN or infinite.
 
-    field, form: name and expected form of the values, for the error. Raises ValueError if the
-    values are not numbers.
+    field: name of the values in the error text. form: what the error text says they must be.
+    Raises ValueError if the values are not numbers.
     """
     try:
         array = np.array(values)

@@ -37,9 +37,11 @@ BEND_SAMPLES = 33
 class ToolLimits:
     """Limits of the tool's motion, in m/s and m/s², and of its turn, in rad/s and rad/s².
 
-    The speed is reduced in bends to respect the acceleration. accuracy: maximum distance of the
-    tool from the path between two sent points, m. slow: whether to slow down where a joint limit
-    requires it. jerk_ratio: ratio of jerk to acceleration, also of the turn, 1/s.
+    The speed is reduced in bends to respect the acceleration limit.
+
+    * accuracy: maximum distance of the tool from the path between two sent points, m.
+    * slow: whether to slow down where a joint limit requires it.
+    * jerk_ratio: ratio of the jerk limit to the acceleration limit, also for the turn, 1/s.
     """
 
     speed: float = 0.1
@@ -64,10 +66,16 @@ def trajectory_along_runs(
     checkpoint: Checkpoint = lambda: None,
     frame: ShownFrame = BASE_LINK,
 ) -> Trajectory:
-    """Return a trajectory with velocities along the runs of a path, with a rest after each.
+    """Return a timed trajectory with velocities along a path, with a rest after each run.
 
-    It starts at rest at the joint positions `start`, shape (n,). Raises PathError if the motion is
-    impossible, or KinematicsError if the arm has no closed-form inverse kinematics.
+    * start: joint positions at the start, shape (n,).
+    * path: the runs, which are parts of the path without a rest in between.
+    * tool: limits of the tool's motion.
+    * checkpoint: called at every step of planning. It may raise to cancel.
+    * frame: frame of positions in error texts.
+
+    Raises PathError if the motion is impossible, or KinematicsError if the arm has no closed-form
+    inverse kinematics.
     """
     result: list[TimedRun] = []
     tools = [tool] * (path[-1].last + 1)
@@ -89,8 +97,10 @@ def timed_run(
 ) -> TimedRun:
     """Return the timed points along a run that starts at the joint positions `start`.
 
-    tools: limits of the tool in each segment of the path. A blend respects the limits of both
-    segments. Raises the errors of `trajectory_along_runs`.
+    * tools: limits of the tool in each segment of the path. A blend respects the limits of both
+      adjacent segments.
+    * name: name of the run in error texts.
+    * checkpoint, frame: as in `trajectory_along_runs`, which also lists the exceptions.
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):

@@ -140,7 +140,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return about when a plan reaches the path parameters `places`, s. The last is its end."""
+    """Return the estimated times, s, at which a plan reaches `places` (u). The last is its end."""
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
     if request.state[1] == 0.0:

@@ -20,15 +20,16 @@ JUST_STARTED_S = 1e-6
 """Time after a start from rest during which the arm still counts as at rest, s."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
-"""Callback for each new motion: its start, s, and the motion, or None if the arm rests then."""
+"""Callback for each new motion. Its arguments are the start time of the motion, s, and the motion,
+or None if the arm is at rest from this time."""
 
 
 class Execution:
     """The motion of the arm over time.
 
-    At most one of `plan` and `joint_motion` is set. Without either, the arm is at rest. `next` is
-    a plan that starts later. The caller advances `now`, s. `waypoints` is notified of the
-    arrival at waypoints, and `observer` is called with every new motion.
+    * plan, joint_motion: the executed plan or joint motion. If both are None, the arm is at rest.
+    * next: a plan that starts later, or None.
+    * now: current time, s, which the caller advances.
     """
 
     def __init__(self, waypoints: Waypoints, observer: Observer | None = None) -> None:

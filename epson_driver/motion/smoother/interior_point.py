@@ -53,10 +53,12 @@ _UPPER = np.triu_indices(3)
 class Program:
     """Cost and constraints of n spline coefficients. The first two and the last two are fixed.
 
-    basis: matrix from three coefficients to (x, x′, x″) at each sample, shape (m, 3, 3). first:
-    index of the first of the three, shape (m,). rows: constraints, shape (m, r, 3). rooted: index
-    of the first row whose right side is 1/√x. weights, target_speeds: w and c of the cost, shape
-    (m,). back: the cost of a sample uses x at a path parameter that is lower by this, shape (m,).
+    * basis: matrix from three coefficients to (x, x′, x″) at each sample, shape (m, 3, 3).
+    * first: index of the first of these three coefficients, shape (m,).
+    * rows: constraints at each sample, shape (m, r, 3).
+    * rooted: index of the first row whose right side is 1/√x.
+    * back: distance in u before each sample at which its cost is evaluated, shape (m,).
+    * weights, target_speeds: w and c of the cost, shape (m,).
     """
 
     basis: Array

@@ -53,10 +53,11 @@ Indices = npt.NDArray[np.intp]
 class LimitUsage:
     """Usage of the limits by a timing on a path, in each of m spans.
 
-    positions: path parameter u in the middle of each span, shape (m,). velocity, acceleration,
-    jerk: upper bounds of the usage by any joint, as multiples of the limits, shape (m,). inside:
-    whether every joint stays within its position limits, and the timing neither jumps nor
-    reverses.
+    * positions: path parameter u in the middle of each span, shape (m,).
+    * velocity, acceleration, jerk: upper bounds for all joints, as multiples of the limits, shape
+      (m,).
+    * inside: whether every joint stays within its position limits, and the timing never jumps and
+      never reverses.
     """
 
     positions: Array
@@ -97,9 +98,12 @@ def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) ->
 class _Spans:
     """m intervals of time, each with one piece of the timing on one segment of the path.
 
-    segment: index of the path segment. offset: u at the start of the span, measured from the
-    segment's first knot. speed, acceleration, jerk: derivatives of u at the start. duration: in s.
-    All have shape (m,).
+    All fields have shape (m,).
+
+    * segment: index of the path segment.
+    * offset: u at the start of the span, measured from the segment's first knot.
+    * speed, acceleration, jerk: derivatives of u by time at the start of the span.
+    * duration: duration of the span, s.
     """
 
     segment: Indices
@@ -277,9 +281,10 @@ def _powers(spans: _Spans) -> tuple[Array, Array]:
 class _SpanUsage:
     """Usage of the limits in m spans.
 
-    middles: path parameter u in the middle, shape (m,). hull: upper bounds of velocity,
-    acceleration and jerk, as multiples of the limits, shape (m, 3). outside: whether a position
-    may exceed its limits, shape (m,). undecided: whether halving could change this, shape (m,).
+    * middles: path parameter u in the middle of each span, shape (m,).
+    * hull: upper bounds of velocity, acceleration and jerk, as multiples of the limits, (m, 3).
+    * outside: whether a position may exceed its limits, shape (m,).
+    * undecided: whether halving the span could change these results, shape (m,).
     """
 
     middles: Array

@@ -84,8 +84,9 @@ position in a segment, measured from the other knot, (0, 1)."""
 class Knots:
     """k points of a path, with derivatives.
 
-    u: path parameter, strictly increasing, shape (k,). position: shape (k, n), rad. first, second:
-    derivatives of the position by u, shape (k, n).
+    * u: path parameter, strictly increasing, shape (k,).
+    * position: joint positions, shape (k, n), rad.
+    * first, second: derivatives of the position by u, shape (k, n).
     """
 
     u: Array

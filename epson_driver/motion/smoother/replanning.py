@@ -30,10 +30,11 @@ MIN_POINTS = 3
 """Minimum number of points in a request, if as many are known."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
-"""A plan may be replaced in this last part of its duration, in multiples of the stopping time."""
+"""The reserve, the last part of a plan in which it may be replaced, in multiples of the stopping
+time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""Last fraction of this part, in which even a plan with a slow motion is accepted."""
+"""Last fraction of the reserve, in which even a plan with a slow motion is accepted."""
 
 LATE_TOLERANCE_S = 1e-9
 """Maximum time by which a plan may start in the past because of rounding, s."""
@@ -48,7 +49,7 @@ log = logging.getLogger(__name__)
 class PendingRequest:
     """A request whose plan has not arrived yet.
 
-    route: waypoints of its knots and points. more: whether waypoints after the route are known.
+    route: waypoints at its knots and points. more: whether waypoints after the route are known.
     """
 
     request: Request
@@ -256,8 +257,7 @@ class Replanning:
     def _extend(self, route: list[Waypoint], end: float) -> bool:
         """Add the waypoints up to the next rest to the route. Return False if all were added.
 
-        Those after the commanded time `end`, s, are added only if they are among the first
-        MIN_POINTS.
+        After the commanded time `end`, s, only waypoints among the first MIN_POINTS are added.
         """
         waypoints = self._waypoints
         known = len(route)

@@ -81,9 +81,9 @@ PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
 class ActivePlan:
     """A plan that is executed from the time `start`, s.
 
-    route: the waypoint at each knot of the path. clocks: time at which each waypoint should be
-    reached, shape (k,), s. pause: whether the plan comes to rest as soon as possible instead of at
-    the end of the path.
+    * route: the waypoint at each knot of the path.
+    * clocks: time at which each waypoint should be reached, shape (k,), s.
+    * pause: whether the plan comes to rest as soon as possible instead of at the path's end.
     """
 
     path: Path
@@ -122,7 +122,7 @@ VERIFICATION_US, PIECE_US = 600, 2.5
 """Effort of the verification of a timing, and of each of its pieces, µs."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""Effort of a path with its speed bounds, and of a round of Newton steps except the steps, µs."""
+"""Effort of a path with its speed bounds, and of a round of steps without these steps, µs."""
 
 
 @dataclass(slots=True)
@@ -145,8 +145,9 @@ class Effort:
 class Problem:
     """The planning problem: the fastest motion from the state `start` to rest at the path's end.
 
-    commanded: path parameters u, increasing, and the maximum u̇² at them, shapes (c,), which is
-    linear in between. None: only the limits apply. effort: the available computing effort.
+    * commanded: increasing path parameters u, and the maximum u̇² at each, shapes (c,). It is
+      linear between two of them. None: only the limits apply.
+    * effort: the available computing effort.
     """
 
     path: Path

@@ -25,8 +25,8 @@ class Smoother:
     `step` also plans, and a plan takes effect `latency` s later. With `planner` None, the caller
     plans each `request` and passes the plan to `take` within `latency` s.
 
-    If the stream of points ends, the arm comes to rest at the last point. Errors are logged, and
-    end at rest, too:
+    If the stream of points ends, the arm comes to rest at the last point. An error is logged, and
+    the arm comes to rest, too:
 
     * If the next output of `step` would exceed a limit, which is a defect of this package, all
       points are discarded, and the arm brakes from the last output. `violations` counts these
@@ -87,7 +87,8 @@ class Smoother:
         """Discard all points, and move through other points, shape (k, n), from any state.
 
         A moving arm moves in joint space to the first of them, where it rests for an instant. If
-        this is impossible, or the arm is `held`, it stops first. Raises ValueError like `append`.
+        this is impossible, or the arm is `held`, it stops first. Raises ValueError, and changes
+        nothing, if a number is invalid or outside the position limits.
         """
         times = [None] * len(points) if durations is None else durations
         if len(times) != len(points):
@@ -161,10 +162,7 @@ class Smoother:
         return self._guarded(dt)
 
     def _guarded(self, dt: float) -> Motion:
-        """Return the current motion, after a check against the output `dt` s ago.
-
-        If it exceeds a limit, brake from that output.
-        """
+        """Return the current motion. If it exceeds a limit, brake from the output `dt` s ago."""
         motion = self.motion
         violation = self._guard.violation(motion, dt, self.limits)
         if violation is None:

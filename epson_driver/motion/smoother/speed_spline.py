@@ -93,10 +93,14 @@ class SpeedSpline:
 
 
 def basis(h: Array, interval: npt.NDArray[np.intp], part: Array) -> Array:
-    """Return the matrices from three coefficients to x, x′, x″ at m samples, shape (m, 3, 3).
+    """Return, for each of m samples, the matrix from spline coefficients to x and its derivatives.
 
-    h: lengths of all intervals, shape (N,). interval: index of each sample's interval, shape (m,).
-    part: position of each sample in its interval, [0, 1], shape (m,).
+    The matrices, shape (m, 3, 3), map the three coefficients of the sample's interval to x, x′ and
+    x″, the derivatives by u.
+
+    * h: length of each interval, shape (N,).
+    * interval: index of each sample's interval, shape (m,).
+    * part: position of each sample in its interval, [0, 1], shape (m,).
     """
     before = np.append(0.0, h[:-1])[interval]
     after = np.append(h[1:], 0.0)[interval]

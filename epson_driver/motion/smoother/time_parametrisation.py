@@ -23,9 +23,9 @@ MIN_PIECE_S = 1e-9
 class TimeParametrisation:
     """A timing of k pieces of constant jerk, which usually ends at rest.
 
-    times: start times of the pieces and the end, shape (k + 1,), s, from 0. positions, velocities,
-    accelerations: u and its derivatives at these times, shape (k + 1,). jerks: of the pieces,
-    shape (k,).
+    * times: start of each piece, and the end, shape (k + 1,), s, from 0.
+    * positions, velocities, accelerations: u, u̇ and ü at these times, shape (k + 1,).
+    * jerks: jerk of each piece, shape (k,).
     """
 
     times: Array
@@ -45,7 +45,7 @@ class TimeParametrisation:
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:
-        """Return the state at one time: the initial one before the start, a rest after the end."""
+        """Return the state at a time: the initial state before the start, a rest after the end."""
         if time >= self.times[-1]:
             return self.end, 0.0, 0.0
         piece = max(int(self.times.searchsorted(time, side='right')) - 1, 0)
