@@ -111,9 +111,11 @@ class EpsonPoint:
 class Pallet(Sequence[EpsonPoint]):
     """Points in columns and rows between taught corners, in the order of the rows.
 
-    SPEL+'s Pallet counts from 1, and this class from 0. `first`: the corner at which the first row
-    and the first column begin. `row_end`, `column_end`: their other ends. `opposite`: the fourth
-    corner, or None for a parallelogram. All points have the orientation of `first`. Raises
+    * first: the corner at which the first row and the first column begin.
+    * row_end, column_end: the other ends of the first row and of the first column.
+    * opposite: the fourth corner, or None for a parallelogram.
+
+    Indices start at 0, in SPEL+'s Pallet at 1. All points have the orientation of `first`. Raises
     InputError if an argument is invalid.
     """
 
@@ -254,9 +256,10 @@ _ONLY_PLACE = '448'
 class _StoredPoint:
     """A named point.
 
-    `point`: None if only the label exists. `number`, `block`: from a .pts file. `posture`: the
-    arm's posture at the point, why it is unknown, or None if `block` has it. `why`: why the point
-    cannot be used, or ''.
+    * point: its position, or None if only the label exists.
+    * number, block: its number and its `Block` in a .pts file.
+    * posture: the arm's posture at the point, why it is unknown, or None if `block` has it.
+    * why: why the point cannot be used, or ''.
     """
 
     name: str

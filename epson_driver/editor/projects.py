@@ -40,7 +40,7 @@ class Project:
         self.read()
 
     def read(self) -> None:
-        """Read all files again that no editor has open, but no links to other folders.
+        """Read all files again that no editor has open. Symbolic links are left out.
 
         An unreadable folder, or a folder without a .prg file, is empty.
         """
@@ -70,10 +70,10 @@ class Project:
         self.read()
 
     def problems(self, version: int | None) -> tuple[int, Mapping[str, list[Problem]]]:
-        """Return the revision and the problems of each file. It is safe in another thread.
+        """Return the revision and the problems of each file. May be called in another thread.
 
-        The default of `version` is from spel.yaml's controller, or else the newest one. Raises
-        InputError if spel.yaml is invalid.
+        If `version` is None, the version of the controller in spel.yaml applies, or else the
+        newest one. Raises InputError if spel.yaml is invalid.
         """
         revision, texts = self.revision, dict(self.texts)
         settings = read_settings(self.folder)
@@ -101,7 +101,8 @@ class Project:
     def renamed(self, symbol: Symbol, new: str) -> dict[str, list[tuple[Place, str]]]:
         """Return the changes of each file that give a symbol another name.
 
-        Files of RC+ get a header that fits. Raises RenameError if the name is not possible.
+        The header of a file that RC+ wrote is changed to match. Raises RenameError if the name is
+        not possible.
         """
         places = self.symbols.references(symbol)
         self._check_name(symbol, new, places)
@@ -150,7 +151,8 @@ class Projects:
     def of(self, path: Path) -> Project | None:
         """Return the project of a file, or None if it is not below a workspace folder.
 
-        That is its folder, or the file alone if the .sprj of the folder does not list it.
+        The project is the folder of the file, or only the file if the folder's .sprj does not
+        list it.
         """
         path = path.resolve()
         if not any(path.is_relative_to(root) for root in self.roots):

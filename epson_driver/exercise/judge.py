@@ -36,10 +36,12 @@ GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
 class Observed:
     """Observations of one run of the program.
 
-    code: its exit code, or None if it had to be killed after `seconds`. last_line: the last line
-    of its output. trajectories: the number sent to the controller. end: the arm's final position,
-    shape (n,), rad or m. refused: why the controller did not accept the fault, or ''. aborted: why
-    the driver last aborted a goal, or ''.
+    * code: its exit code, or None if it had to be killed after `seconds`.
+    * last_line: the last line of its output.
+    * trajectories: the number of trajectories sent to the controller.
+    * end: the arm's final position, shape (n,), rad or m.
+    * refused: why the controller did not accept the fault, or ''.
+    * aborted: why the driver last aborted a goal, or ''.
     """
 
     case: str

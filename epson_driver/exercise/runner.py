@@ -32,11 +32,13 @@ Words = str
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A fault: the actions that trigger it, and an operator's reaction a few seconds later.
+    """A fault. Afterwards, the cell does not enable the arm again.
 
-    After the fault, the cell does not enable the arm again. stops: the fault causes an E-stop,
-    after which nothing may move without a new enable. early: the fault is triggered before the
-    program starts, because it affects the start of the motion.
+    * what: its description.
+    * trigger: the actions that cause it.
+    * person: the operator's reaction PERSON_COMES_S later.
+    * stops: whether it causes an E-stop, after which nothing may move without a new enable.
+    * early: whether it begins before the program starts, because it affects the start of motion.
     """
 
     name: str

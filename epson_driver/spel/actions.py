@@ -58,7 +58,8 @@ def wait(task: Task, time: float) -> None:
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
     """Execute `Wait condition[, time]`: wait until `test` holds or `time`, s, has passed.
 
-    After a timeout, TW is True. Without `time`, the timeout of `TMOut` raises an error.
+    If the time passes first, the program's function `TW` returns True. If `time` is None, the
+    default timeout of `TMOut` applies, if there is one, and SpelError is raised after it.
     """
     limit = task.default_timeout if time is None else seconds(task, time)
 
@@ -219,10 +220,10 @@ def set_trap(
     target: Linked | int | None,
     action: str,
 ) -> None:
-    """Execute `Trap n, condition …` or `Trap event Xqt f`. Without a target, disarm the Trap.
+    """Execute `Trap n, condition …` or `Trap event Xqt f`. Without a `target`, disarm the Trap.
 
-    `action`: GoTo and Call interrupt the current statement of the task, which, after Call, waits
-    until the function has ended. Xqt starts the function as another task.
+    `action` is what the Trap does. GoTo and Call interrupt the current statement of the task. With
+    Call, the task then waits until the function has ended. Xqt starts it as another task.
     """
     task.may('trap')
     world = task.world
@@ -238,7 +239,7 @@ def set_trap(
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:
-    """Store the condition of `Till`, `Find` or `Sense` for later motions with the bare word."""
+    """Store the condition of `Till`, `Find` or `Sense`, for motions without one (`Go P1 Till`)."""
     task.may(name)
     task.world.conditions[name] = test
 
@@ -257,7 +258,7 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
 
 
 def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable[..., None]:
-    """Return the function of a statement that sets a bit to `switch`. None: it writes a number."""
+    """Return the function for a statement such as `On` (`switch` 1), `Off` (0) or `Out` (None)."""
 
     def one(
         task: Task,

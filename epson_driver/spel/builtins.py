@@ -82,7 +82,7 @@ def _error(task: Task, which: int | str | None) -> TaskError | None:
 
 
 def _of_error(read: Callable[[TaskError], Any], blank: int | str) -> Callable[..., Any]:
-    """Return a function that reads a task's last error. Without an error it returns `blank`."""
+    """Return a function that applies `read` to a task's last error, or else returns `blank`."""
 
     def ask(task: Task, which: int | str | None = None) -> Any:
         error = _error(task, which)

@@ -15,11 +15,13 @@ WAITING = -1
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A variable: its storage, its type, and its bounds if it is an array.
+    """A variable of the program.
 
-    `slot` is its index in the list `place`: 'v' for the variables of a call, 'g' for shared ones.
-    If `by_reference`, the element is the pair (list, index) of the caller's variable. An array
-    parameter is the caller's array.
+    * place: the list that contains it, 'v' for the variables of a call, 'g' for shared ones.
+    * slot: its index in that list.
+    * bounds: the upper bounds of an array. An array parameter is the caller's array.
+    * by_reference: whether the element is the pair (list, index) of the caller's variable.
+    * preserved: whether it keeps its value from one start to the next (`Global Preserve`).
     """
 
     name: str
@@ -35,12 +37,14 @@ class Variable:
 
 @dataclass
 class FunctionCode:
-    """A compiled function. `source` has a Python function o<index>_<pc> for each instruction.
+    """A compiled function. The first four lists have an entry for each instruction.
 
-    The other lists have an entry for each instruction: `lines` its position in the program,
-    `starts` the first instruction of its statement, `following` the next instruction. Instructions
-    in `passed_over` only jump to the end of an If or Select. Jumps to them go directly to that
-    end.
+    * lines: its position in the program.
+    * starts: the first instruction of its statement.
+    * following: the next instruction.
+    * source: its Python function, with the name o<index>_<pc>.
+    * passed_over: instructions that only jump to the end of an If or Select. Other jumps to them
+      go directly to that end.
     """
 
     name: str

@@ -54,7 +54,7 @@ _FORBIDDEN = {
 class CommandRule:
     """One statement: its argument form, the task types that cannot run it, and its first version.
 
-    The host executes statements with `robot`: `Host.command(name, arguments)`.
+    If `robot` is set, the host executes the statement: `Host.command(name, arguments, words)`.
     """
 
     name: str
@@ -65,7 +65,7 @@ class CommandRule:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Words of a switch such as `Motor On|Off`. 0 can replace the second, 1 the first word."""
+        """Words of a switch such as `Motor On|Off`. 1 can replace the first, 0 the second word."""
         first = re.match(r'w\((\w+)\|(\w+)\)', self.form)
         return () if first is None else tuple(first.group(1, 2))
 
@@ -144,9 +144,9 @@ SHOWN = {
     **dict.fromkeys(('accel', 'accels'), ((1, 2), (3, 4), (5, 6))),  # p69
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
-"""Statement that prints values if it has no argument → printed lines.
+"""Statement that prints its values if it has no argument → arguments for each printed line.
 
-A line contains the values of the function with the same name for these arguments.
+The line contains the results of the function with the statement's name for these arguments.
 """
 
 

@@ -58,7 +58,7 @@ _DEEPEST_PYTHON = 90
 
 
 class Code(NamedTuple):
-    """A compiled expression: its text, the kind of its value, and its text as a condition."""
+    """A compiled expression: its Python text, its value's kind, and its text as a condition."""
 
     text: str
     kind: str
@@ -112,7 +112,10 @@ class Expressions:
         return _rounded(self.number(expression))
 
     def ranged(self, name: str, key: str, place: int, value: Expression, code: str) -> str:
-        """Return `code`, the text of `value`, with a range check unless it is known to pass."""
+        """Return `code`, the Python text of `value`, with a range check if one is needed.
+
+        `key` and `place` select the range (`ranges.limits`), `name` is for the error.
+        """
         ends = limits(key, place)
         if ends is None or code.startswith("'"):  # a task's function
             return code
@@ -552,7 +555,7 @@ class Expressions:
         arguments: tuple[Argument, ...],
         at: Position,
     ) -> str:
-        """Compile the arguments of a call. Raises SyntaxProblem if they do not fit."""
+        """Compile the arguments of a call. Raises SyntaxProblem if number or types are wrong."""
         if len(parameters) != len(arguments):
             text = f'{name} takes {len(parameters)} arguments, not {len(arguments)}'
             raise SyntaxProblem(at, text, 'arguments')

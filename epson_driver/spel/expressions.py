@@ -140,7 +140,7 @@ class Reader:
         return self.step()
 
     def name(self, what: str) -> Token:
-        """Read any name. `what` describes it in the SyntaxProblem for another token."""
+        """Read any name. Raises SyntaxProblem, with the description `what`, for another token."""
         if self.here.kind != NAME:
             raise self.wrong(what)
         return self.step()
@@ -233,7 +233,6 @@ class Reader:
         return value
 
     def _is_point(self, expression: Expression) -> bool:
-        """Return whether an expression can only be a point."""
         if isinstance(expression, PointChange | PointFlag):
             return True
         if isinstance(expression, Name | Apply):

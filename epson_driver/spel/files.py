@@ -155,14 +155,14 @@ def _inside(place: Path) -> list[Path]:
 
 
 Answer = int | float | str | None | list[int | float | str]
-"""A stub answer: values for a statement's variables, a function's value, or nothing."""
+"""A stub answer: a function's value, values for a statement's variables, or None for nothing."""
 
 
 class Stubs:
-    """Answers to words that are not simulated, by word, or by word and first argument.
+    """Results that replace statements and functions that are not simulated, such as vision.
 
-    Such a key is `VGet find.Geom01.RobotXYU`. The answers of a key are used in turn, and the last
-    one repeats.
+    They are given for a name, or for a name and its first argument (`VGet find.Geom01.RobotXYU`).
+    The results of a key are used in turn, and the last one repeats.
     """
 
     def __init__(self, answers: Mapping[str, Sequence[Answer]]) -> None:
@@ -170,7 +170,7 @@ class Stubs:
         self._given: dict[str, int] = {}
 
     def answer(self, name: str, arguments: Sequence[object]) -> Answer:
-        """Return the next answer to a word. Raises SpelError if it has no answer."""
+        """Return the next result of the word `name`. Raises SpelError if it has none."""
         keys = [name.lower()]
         if arguments:
             keys.insert(0, f'{keys[0]} {arguments[0]}'.lower())
@@ -185,9 +185,10 @@ class Stubs:
 
 @dataclass
 class ProgramEnvironment:
-    """The environment of a program: stub answers, port settings and files.
+    """The environment of a program: its files, and two kinds of settings.
 
-    `ports`: settings of ports 201 to 216 in RC+'s system configuration, valid until SetNet.
+    * answers: the results of statements and functions that are not simulated (`Stubs`).
+    * ports: settings of ports 201 to 216 in RC+'s system configuration, valid until SetNet.
     """
 
     answers: Mapping[str, Sequence[Answer]] = field(default_factory=dict)

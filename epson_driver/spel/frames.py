@@ -225,10 +225,11 @@ def _values(place: Sequence[float], turn: Sequence[Sequence[float]]) -> tuple[fl
 
 @dataclass(frozen=True, slots=True)
 class Pallet:
-    """A pallet. `corners`: the first position, the ends of its row and its column, the opposite.
+    """Positions in columns and rows between corners (statement `Pallet`).
 
-    The opposite corner may be missing. With `outside`, columns and rows beyond the pallet are
-    allowed.
+    * corners: the first position, the other ends of its row and of its column, and, if taught,
+      the opposite corner.
+    * outside: whether positions beyond the pallet's columns and rows are allowed.
     """
 
     corners: tuple[Point, ...]

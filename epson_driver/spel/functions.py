@@ -19,9 +19,10 @@ from epson_driver.spel.words import FIRST, WORDS
 class FunctionRule:
     """One function. `by` determines its evaluation.
 
-    'value': from its arguments alone (library.py). 'task': by the interpreter (builtins.py).
-    'host': by `Host.value(name, arguments)`. 'call': by instructions that take time, like a
-    function of the program.
+    * 'value': from its arguments alone (library.py).
+    * 'task': by the interpreter (builtins.py).
+    * 'host': by `Host.value(name, arguments)`.
+    * 'call': by instructions that take time, as for a function that the program defines.
     """
 
     name: str

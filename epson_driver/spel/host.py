@@ -61,17 +61,17 @@ class NetSettings:
 class MotionRequest:
     """A statement that moves the arm.
 
-    name: in lower case ('go', 'move', …). points: its targets in order. cp: whether it may blend
-    into the next motion. words: other modifiers ('rot').
-
-    till: once it returns True, the arm decelerates, and the statement ends without an error. The
-    host evaluates it at each scan, and ends the motion with any SpelError that it raises. find:
-    the position of the arm is stored when it first returns True. sense: a Jump ends above its
-    target if it returns True there.
-
-    numbers: the values of 'c' (number of the arch), 'limz' (mm), 'ljm' and 'performmode'. Of an
-    arch: 'depart' and 'approach' (mm). Of an arc: 'angle' (degrees), 'radius' (mm), 'path' and
-    'direction' (SPEL+ manual p104). Of JumpTLZ: 'tlz' (mm).
+    * name: in lower case ('go', 'move', …).
+    * points: its targets in order.
+    * cp: whether it may blend into the next motion.
+    * till: once it returns True, the arm decelerates, and the statement ends without an error. The
+      host evaluates it at each scan, and ends the motion with any SpelError that it raises.
+    * find: the position of the arm is stored when it first returns True.
+    * sense: a Jump ends above its target if it returns True there.
+    * words: other modifiers ('rot').
+    * numbers: the values of 'c' (number of the arch), 'limz' (mm), 'ljm' and 'performmode'. Of an
+      arch: 'depart' and 'approach' (mm). Of an arc: 'angle' (degrees), 'radius' (mm), 'path' and
+      'direction' (SPEL+ manual p104). Of JumpTLZ: 'tlz' (mm).
     """
 
     name: str
@@ -139,7 +139,7 @@ class Bits(Protocol):
     """Inputs, outputs and memory bits."""
 
     def read_bits(self, memory: Memory, index: int, width: int) -> int:
-        """Return bit (width 1), byte (8) or word (16) `index`. Raises SpelError if missing."""
+        """Return bit (width 1), byte (8) or word (16) `index`. Raises SpelError if none exists."""
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
         """Set bit, byte or word `index`. Raises SpelError if missing."""
@@ -177,7 +177,7 @@ class Host(Bits, Robot, Protocol):
 
     @property
     def terminal(self) -> Terminal:
-        """Return the terminal of Print, Input and MsgBox."""
+        """Return the terminal that the statements Print, Input and MsgBox use."""
 
     @property
     def network(self) -> Network:

@@ -126,7 +126,10 @@ _DATES = ('%Y/%m/%d %H:%M:%S', '%Y/%m/%d', '%H:%M:%S')
 
 
 def format_string(value: float | str, pattern: str) -> str:
-    """Return `FmtStr$` of a number, or of a date or time in the form of `Date$` or `Time$`."""
+    """Return the result of `FmtStr$`.
+
+    `value` is a number, or a date or time as a string that `Date$` or `Time$` returns.
+    """
     return _date(value, pattern) if isinstance(value, str) else _format(value, pattern)
 
 

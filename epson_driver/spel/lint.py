@@ -134,9 +134,9 @@ _WAITING_COMMANDS = frozenset(
 def check(
     files: Mapping[str, str], version: int = 8, settings: Settings | None = None
 ) -> list[Problem]:
-    """Return all problems of a project's files on controllers of a version, by position.
+    """Return all problems of a project's files on a controller with `version`, by position.
 
-    `settings`: the project's settings. None: unknown, and a missing setting is no problem.
+    If `settings` is None, they are unknown, so no missing setting is reported.
     """
     problems: list[Problem] = []
     program = build_with(files, problems, problems)

@@ -98,9 +98,10 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
 
 
 class Form(NamedTuple):
-    """A form that the interpreter accepts, and that neither the manual nor a known program has.
+    """A syntax that the interpreter accepts, and that neither the manual nor a known program has.
 
-    manual: what the manual has instead. find: yields the positions of the form in a node.
+    * manual: what the manual has instead.
+    * find: yields the positions of the syntax in a node.
     """
 
     form: str
@@ -139,7 +140,7 @@ UNPROVEN = (
         _double_tests,
     ),
 )
-"""The forms. None of 26,000 lines of five public projects has one."""
+"""All such syntax. It does not occur in 26,000 lines of five public projects."""
 
 
 def unproven(functions: Mapping[str, Function]) -> Iterator[Problem]:
@@ -250,7 +251,7 @@ SIMULATED = {
     'robotinfo': (0,),
     'stat': (0, 1),
 }
-"""Function of which a part is simulated → the values of its first argument."""
+"""Function that is simulated in part → the values of its first argument that are simulated."""
 
 
 def _number(expression: Expression | None) -> int | float | None:

@@ -147,7 +147,7 @@ MAX_ELEMENTS = 2_000_000
 """Maximum elements of all shared arrays together."""
 
 MAX_TEXT = 50_000
-"""Maximum characters of Python text per compilation, which needs about 150 bytes for each."""
+"""Maximum characters of Python text per compilation. Each needs about 150 bytes of memory."""
 
 OFF = "'"
 """Prefix of a #define line that makes it a comment."""

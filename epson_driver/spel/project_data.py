@@ -75,9 +75,10 @@ class ProjectData:
 def read_project(path: Path) -> dict[str, str]:
     """Return the texts of a project by file name. `path`: a folder, a .sprj, or one .prg.
 
-    Of a folder or .sprj, only the files are read that the .sprj lists, with the point files of
-    robot 1 (the default first), if all listed programs exist. A .prg is read with the files of its
-    folder except other programs. Raises InputError if a file cannot be read, or no .prg exists.
+    Of a folder or .sprj, only the files that the .sprj lists are read, with the point files of
+    robot 1 (the default first). If a listed program is missing, all programs and data in the
+    folder are read. A .prg is read with the files of its folder except other programs. Raises
+    InputError if a file cannot be read, or no .prg exists.
     """
     folder = path if path.is_dir() else path.parent
     there = {

@@ -39,10 +39,13 @@ _COORDINATE = number(-1e6, 1e6)
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of a project. `robot` and `controller` are None by default.
+    """The settings of a project.
 
-    ports: settings of ports 201 to 216. stubs: answers of words that are not simulated, in order.
-    setup: statements to run before main. `source` is the file that sets them up.
+    * robot, controller: their models, or None if they are not set.
+    * ports: settings of ports 201 to 216.
+    * stubs: by statement or function that is not simulated, the results it gives, in order.
+    * setup: statements to run before main.
+    * source: the file with the settings, or `--set` without a file.
     """
 
     robot: str | None = None
@@ -169,7 +172,6 @@ def file_values(path: Path) -> dict[str, Any]:
 
 
 def _add(values: dict[str, Any], where: str, key: str, item: str | None, value: Any) -> None:
-    """Add a checked value. Raises InputError."""
     if key not in KEYS:
         near = near_name(key, KEYS)
         meant = f': did you mean {near}?' if near else ''

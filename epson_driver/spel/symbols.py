@@ -46,9 +46,10 @@ class Place(NamedTuple):
 class Symbol:
     """A declared name.
 
-    `kind`: function, variable, parameter, label, define, point, io or error. `scope`: the file and
-    the function where it is visible, in lower case, each '' for all. `detail`: its declaration,
-    coordinates, bit or message. `last`: the last line of a function.
+    * kind: function, variable, parameter, label, define, point, io or error.
+    * scope: the file and the function where it is visible, in lower case, each '' for all.
+    * detail: its declaration, coordinates, bit or message.
+    * last: the last line of a function.
     """
 
     kind: str
@@ -67,8 +68,10 @@ class Symbol:
 class Use(NamedTuple):
     """A name in a program, in lower case, and the function around it.
 
-    `label`: in GoTo or as `name:`. `called`: before a bracket. `divides`: the left operand of the
-    / or sign before a name that may be a flag (`P1 /R`) or an axis (`P1 +X(5)`).
+    * label: whether it is in a GoTo or has the form `name:`.
+    * called: whether a bracket follows.
+    * divides: the left operand of the / or sign before a name that may be a flag (`P1 /R`) or an
+      axis (`P1 +X(5)`), else ''.
     """
 
     name: str
@@ -312,7 +315,7 @@ class ProjectSymbols:
         return []
 
     def _meant(self, file: str, use: Use) -> tuple[list[Symbol], int]:
-        """Return the declarations that a use means, and 1 for the variable of Pctr: P(ctr)."""
+        """Return what a name denotes, and 1 for the variable in `Pctr`, short for `P(ctr)`."""
         found = self.declarations(file, use.function, use.name, use.label)
         shift = 0
         if not found and use.name[:1] == 'p' and not reserved(use.name):

@@ -258,8 +258,9 @@ class Command:
 class Motion:
     """A statement that moves the arm.
 
-    `till`, `find`, `sense`: the condition, True for the stored condition, or False. `numbers`: the
-    values of C, LimZ, LJM and PerformMode. `parallel`: the statements between `!` and `!`.
+    * till, find, sense: the condition, True for the stored condition, or False.
+    * numbers: the values of C, LimZ, LJM and PerformMode.
+    * parallel: the statements between `!` and `!`.
     """
 
     name: str
@@ -284,7 +285,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Stub:
-    """A statement that is not simulated (vision, conveyors, windows), but has a given answer.
+    """A statement that is not simulated (vision, conveyors, windows), but has given results.
 
     `indices` select one of several results: `VGet find.Blob01.RobotXYU(i)`.
     """
@@ -357,7 +358,7 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Trap:
-    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. '' as action disarms it."""
+    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. `action` '' disarms it."""
 
     event: str
     number: Expression | None

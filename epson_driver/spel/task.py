@@ -68,10 +68,12 @@ class TaskState(IntEnum):
 class Timing:
     """Times on the controller, in s.
 
-    statement: duration of a simple statement. granularity: unit to which Wait rounds up. scan:
-    period of condition checks. turn: maximum time of a task before the next one runs. endless:
-    number of statements without a wait after which error 2556 is raised. extra: additional time of
-    some statements, by name in lower case ('print', 'writebin', 'go', …).
+    * statement: duration of a simple statement.
+    * granularity: unit to which Wait rounds up.
+    * scan: period of condition checks.
+    * turn: maximum time of a task before the next one runs.
+    * endless: number of statements without a wait after which error 2556 is raised.
+    * extra: additional time of statements, by name in lower case ('print', 'writebin', 'go', …).
     """
 
     statement: float = 10e-6
@@ -91,7 +93,7 @@ class Timing:
 
 @dataclass(slots=True)
 class Linked:
-    """A function with its executable instructions. `hits` is 1 for those that have run."""
+    """A function with its executable instructions. `hits` is 1 for instructions that have run."""
 
     code: FunctionCode
     instructions: list[Instruction]
@@ -121,8 +123,10 @@ class Frame:
 class Waiting:
     """The condition of a waiting task: a time, a test, or both.
 
-    `scanned`: the test is evaluated only at the controller's scans, otherwise after each turn of
-    a task. `after` is called at the end of the wait. Its argument is True after a timeout.
+    * until, duration: the end of the time and its length, s, or None without a limit.
+    * scanned: whether the test is evaluated only at the controller's scans, every `Timing.scan`,
+      otherwise after each turn of a task.
+    * after: called at the end of the wait, with True after a timeout.
     """
 
     until: float | None
@@ -153,7 +157,7 @@ class OpenFile:
 
 @dataclass(slots=True)
 class Trap:
-    """An armed Trap 1 to 4. `target`: a function, or (GoTo) an instruction of the call `frame`."""
+    """An armed Trap 1 to 4. `target`: a function, or for GoTo an instruction in `frame`."""
 
     task: 'Task'
     test: Test
@@ -547,11 +551,11 @@ class Task:
         self.owe(name)
 
     def owe(self, name: str) -> None:
-        """Add the time that a statement takes on the controller."""
+        """Advance the clock by the additional time of the statement `name` (`Timing.extra`)."""
         self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
-        """Return the value of a host function for points in Local 0, except for CX to CW."""
+        """Return the host's value of `name`. It gets points in Local 0, except for CX to CW."""
         self.since_wait = 0  # it reads inputs
         if name[0] != 'c':
             arguments = self.world.placed(arguments)
@@ -566,7 +570,11 @@ class Task:
         return number
 
     def flagged(self, point: Point, flag: str) -> Point:
-        """Return a point with a posture (`/L`), in a local (`/1`), or converted to one (`@1`)."""
+        """Return a point changed by a suffix of SPEL+.
+
+        `/L` sets a posture, and `/1` the local coordinate system, without a change of coordinates.
+        `@1` converts the coordinates to local 1.
+        """
         if flag[0] == '@':
             return in_local(point, int(flag[1:]), self.world.locals)
         return point.flagged(flag)
@@ -590,7 +598,7 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the last condition of Till, Find or Sense. Default: Sw(0) (SPEL+ manual p829)."""
+        """Return the condition that Till, Find or Sense stored, or Sw(0) (SPEL+ manual p829)."""
         test = self.world.conditions.get(name)
         if test is None:
             host = self.world.host

@@ -112,8 +112,9 @@ def size(bounds: Sequence[int]) -> int:
 class Point:
     """A point of the robot: six numbers of a kind, and flags of its posture and local.
 
-    `kind` 'xy': x, y, z in mm and u, v, w in degrees. 'angles': joints in degrees (or mm).
-    'pulses': encoder pulses.
+    * 'xy': x, y, z in mm and u, v, w in degrees.
+    * 'angles': joint positions in degrees (or mm).
+    * 'pulses': encoder pulses.
     """
 
     kind: str

@@ -16,8 +16,9 @@ FIRST = (6, 0, 0)
 class Word:
     """One word: its uses, and where it is allowed.
 
-    `window`: allowed in the command window, and so in $Execute. `background`: allowed in
-    NoEmgAbort and background tasks. `since`: the first version that has it.
+    * uses: of 'window' (the command window and $Execute), 'statement', 'function', 'keyword'.
+    * background: whether it is allowed in NoEmgAbort and background tasks.
+    * since: the first version that has it.
     """
 
     name: str

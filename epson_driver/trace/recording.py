@@ -19,7 +19,7 @@ CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One event of a connection. `time`: s since 1970. `number`: of the connection, from 0."""
+    """One event of connection `number`, counted from 0. `time`: s since 1970."""
 
     time: float
     number: int

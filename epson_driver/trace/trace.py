@@ -75,10 +75,10 @@ def open_trace(folder: str, name: str) -> BinaryIO:
 
 
 class Trace:
-    """Recorder of links. `begin` and `end` must be called in the event loop.
+    """Recorder of the network traffic of `links` to a pcap file.
 
-    A trace ends when its file reaches `largest` bytes, which may be set at any time. `clock`
-    returns the time in ns since 1970.
+    `begin` and `end` must be called in the event loop. A recording ends when its file reaches
+    `largest` bytes, which may be set at any time. `clock` returns the time in ns since 1970.
     """
 
     def __init__(self, links: Iterable[Link], clock: Callable[[], int] = time.time_ns) -> None:
