@@ -67,12 +67,15 @@ READY_TIMEOUT_S = 10.0
 class Robot(Motions, Streams):
     """An arm and its controller. `async with Robot(…) as robot:` connects and closes it.
 
-    host: the address of the controller, or a robot.yaml of `epson_driver connect`, which has the
-    address, the profile and the model. controller, model: names from config/controllers and
-    config/robots (default: simulated and c3_a601s), or paths to files. Ports default to those of
-    the controller's profile. An `io_port` or `remote_port` of 0 is not used.
-    enable: whether `connect` also enables the arm. Raises ArgumentError if an argument or a file
-    is invalid.
+    * host: the address of the controller, or a robot.yaml of `epson_driver connect`, which has the
+      address, the profile and the model.
+    * controller, model: names from config/controllers and config/robots (default: simulated and
+      c3_a601s), or paths to files.
+    * motion_port, …: default to the ports in the controller's profile. An `io_port` or
+      `remote_port` of 0 is not used.
+    * enable: whether `connect` also enables the arm.
+
+    Raises ArgumentError if an argument or a file is invalid.
     """
 
     @checked_arguments

@@ -51,23 +51,23 @@ class Arm(Unique):
 
     @property
     def joints(self) -> Array:
-        """Measured joint positions, shape (n,), rad (m). Raises RobotError if they are too old."""
+        """Measured joint positions, shape (n,), rad (m). Raises RobotError if they are stale."""
         return self._connection.sample().positions.copy()
 
     @property
     def joint_velocities(self) -> Array:
-        """Joint velocities, shape (n,), rad/s (m/s). Raises RobotError like `joints`."""
+        """Joint velocities, shape (n,), rad/s (m/s). Raises RobotError if they are stale."""
         return self._connection.sample().velocities.copy()
 
     def sample(self) -> Sample:
-        """Return the newest sample: joints, time and state. Raises RobotError like `joints`."""
+        """Return the newest sample: joints, time and state. Raises RobotError if it is stale."""
         return self._connection.stamped(self._connection.sample())
 
     @property
     def pose(self) -> Array:
         """Pose of the flange (tool0) in base_link: homogeneous matrix, shape (4, 4), m.
 
-        Raises RobotError like `joints`.
+        Raises RobotError if the joints are stale.
         """
         return self._kinematics.forward(self._connection.sample().positions)
 
@@ -75,7 +75,7 @@ class Arm(Unique):
     def tool_pose(self) -> Array:
         """Pose of the tool in base_link: homogeneous matrix, shape (4, 4), m.
 
-        Raises RobotError like `joints`.
+        Raises RobotError if the joints are stale.
         """
         return self._hand[1].forward(self._connection.sample().positions)
 
@@ -83,7 +83,7 @@ class Arm(Unique):
     def ros_pose(self) -> Array:
         """Pose of the tool in base_link: x y z, m, and a quaternion x y z w, shape (7,).
 
-        Raises RobotError like `joints`.
+        Raises RobotError if the joints are stale.
         """
         return quaternion_pose(self.tool_pose)
 
@@ -91,7 +91,7 @@ class Arm(Unique):
     def epson_point(self) -> EpsonPoint:
         """Pose of the tool as shown on the teach pendant, in mm and degrees.
 
-        Raises RobotError like `joints`.
+        Raises RobotError if the joints are stale.
         """
         return EpsonPoint.of(self.pose_in(BASE))
 
@@ -103,7 +103,7 @@ class Arm(Unique):
     def pose_in(self, frame: str) -> 'Array':
         """Return the pose of the tool in a frame: homogeneous matrix, shape (4, 4), m.
 
-        Raises ArgumentError if the frame is unknown, and RobotError like `joints`.
+        Raises ArgumentError if the frame is unknown, RobotError if the joints are stale.
         """
         return self._frames.pose_in(self.tool_pose, frame)
 
@@ -166,8 +166,8 @@ class Arm(Unique):
         """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
 
         pose, frame: see `move_line`. near: joint positions, shape (n,), to which the solution is
-        nearest. None: the measured joints, which raises RobotError like `joints`. Raises PathError
-        if the pose is out of reach, ArgumentError if an argument is invalid.
+        nearest. None: the measured joints. Raises PathError if the pose is out of reach,
+        ArgumentError if an argument is invalid, RobotError if the measured joints are stale.
         """
         if near is None:
             start = self._connection.sample().positions
@@ -194,7 +194,7 @@ class Arm(Unique):
     def set_frame(self, name: str, pose: 'Pose', *, parent: str | None = None) -> None:
         """Set a named frame by its pose in another frame, in any form accepted by `move_line`.
 
-        parent: the other frame, like `frame` of `move_line`, but not 'tool'. A later change of the
+        parent: the other frame, any `frame` of `move_line` except 'tool'. A later change of the
         parent does not move this frame. Raises ArgumentError if an argument is invalid.
         """
         self._frames.set(name, pose, parent)
@@ -212,7 +212,7 @@ class Arm(Unique):
         """Call `catch_up`, then return the result of `read`.
 
         Example: `await robot.measured(lambda: robot.joints)`. A delay of this process after
-        `catch_up` does not make the joints too old.
+        `catch_up` does not make the joints stale.
         """
         return await self._connection.measured(read)
 
@@ -222,7 +222,7 @@ class Arm(Unique):
     ) -> Sample:
         """Wait until a condition holds for a sample, and return that sample.
 
-        Raises TimeoutError after `timeout` s, RobotError if the joints become too old.
+        Raises TimeoutError after `timeout` s, RobotError if the joints become stale.
         """
         try:
             async with asyncio.timeout(checked_timeout(timeout)):

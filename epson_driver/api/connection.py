@@ -36,7 +36,7 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError, open_trace
 
 FRESH_POSE_TIMEOUT_S = 0.5
-"""Time to wait for newer joints if the received ones are too old, s."""
+"""Time to wait for newer joints if the received ones are stale, s."""
 
 CHECKS, CHECK_PERIOD_S = 5, 0.1
 """Number of consecutive checks that a stable link must pass, and their period, s. Checks are
@@ -100,7 +100,7 @@ class Connection:
 
     @property
     def gripper(self) -> DrivenGripper | None:
-        """The gripper, or None if none is configured. Raises RobotError like `running`."""
+        """The gripper, or None if none is configured. Raises RobotError if no driver runs."""
         self._connected()
         return self._gripper
 
@@ -294,7 +294,7 @@ class Connection:
     async def measured(self, read: Callable[[], T]) -> T:
         """Wait for fresh joints, then return the result of `read`.
 
-        `sample` ignores the time after this wait, so a delay does not make the joints too old.
+        `sample` ignores the time after this wait, so a delay does not make the joints stale.
         """
         self._moment = await self.wait_for_fresh_state()
         try:
@@ -307,7 +307,7 @@ class Connection:
         await self._received.wait()
 
     def sample(self) -> JointSample:
-        """Return the newest joints. Raises RobotError if they are too old."""
+        """Return the newest joints. Raises RobotError if they are missing, stale or invalid."""
         driver = self.running
         now = asyncio.get_running_loop().time() if self._moment is None else self._moment
         if (why := driver.robot.why_not_ready(now)) is not None:

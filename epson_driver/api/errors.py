@@ -46,7 +46,8 @@ class RobotError(RuntimeError):
 class MotionError(RobotError):
     """A motion was rejected, canceled or aborted.
 
-    end: CANCELED or ABORTED. code: the error code that FollowJointTrajectory has for this case.
+    * end: CANCELED or ABORTED.
+    * code: the error code that FollowJointTrajectory has for this case.
     """
 
     def __init__(self, outcome: Outcome) -> None:

@@ -119,7 +119,7 @@ class Motion(Unique):
         return self.text
 
     async def finish(self, timeout: float | None = None) -> str:
-        """Wait like `wait`, but stop the arm if the waiting task is cancelled."""
+        """Wait until the motion ends (see `wait`). Stop the arm if the task is cancelled."""
         try:
             return await self.wait(timeout)
         except asyncio.CancelledError:

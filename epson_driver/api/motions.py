@@ -135,7 +135,7 @@ class Motions(Arm):
         speed: float = 1.0,
         wait: bool = True,
     ) -> Motion:
-        """Move to the start of a recording like `move_joints`, then replay the recorded motion.
+        """Move to the start of a recording, straight in joint space, then replay it.
 
         recording: a Recording, which is stopped if it is running, or the path of a file. speed:
         fraction of the recorded speed, 0.01 to 1. The time at rest before the first motion is
@@ -174,13 +174,15 @@ class Motions(Arm):
         tool frame), or a name given to `set_frame`. None: 'base_link', or 'base' for an
         EpsonPoint.
 
-        The tool rotates about one axis at the same time. speed, acceleration: limits of the tool,
-        m/s and m/s², also in bends. turn_speed, turn_acceleration: limits of its rotation, rad/s
-        and rad/s². jerk: limit of the tool, m/s³. None: 10 / s times the acceleration. The jerk
-        limit of the rotation has the same ratio to its acceleration. accuracy: maximum distance,
-        m, between the line and the path through the sent points. If the measured distance is
-        larger, the motion's text reports it. slow: True reduces the speed where a joint limit
-        requires it. False rejects such a line.
+        The tool rotates about one axis at the same time.
+
+        * speed, acceleration: limits of the tool, m/s and m/s², also in bends.
+        * turn_speed, turn_acceleration: limits of its rotation, rad/s and rad/s².
+        * jerk: limit of the tool, m/s³. None: 10 / s times the acceleration. The jerk limit of the
+          rotation has the same ratio to its acceleration.
+        * accuracy: maximum distance, m, between the line and the path through the sent points. If
+          the measured distance is larger, the motion's text reports it.
+        * slow: True reduces the speed where a joint limit requires it. False rejects such a line.
 
         Raises PathError, before anything is sent, if the pose is out of reach or the line passes
         a singularity. Also raises the exceptions of `move_joints`.

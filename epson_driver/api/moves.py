@@ -33,7 +33,7 @@ from epson_driver.tool_motion.tool_pose import numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 SAMPLE_SPACING_M, MAX_SAMPLES = 1e-3, 2000
-"""Spacing of the path samples for the accuracy check, m, and their maximum number per run."""
+"""Spacing of the path samples for the accuracy check, m, and maximum number between stops."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
 """Distance and angle up to which two poses count as the same. Encoder jitter is smaller."""
@@ -150,9 +150,10 @@ class PathPoint:
         return arc(before, self.via.in_base_link(start)[:3, 3], end)
 
     def run(self, start: Array) -> list[Run]:
-        """Return the path to this point as one run, or [] if the tool is already there.
+        """Return the path to this point as one run, the part between two stops.
 
-        start: the pose of the tool in base_link. Raises ValueError like `segment`.
+        start: the pose of the tool in base_link. The result is [] if the tool is already there.
+        Raises ValueError if the points of an arc do not define one.
         """
         segment = self.segment(start, start)
         return [] if _is_empty(segment) else runs([segment], [])

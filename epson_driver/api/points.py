@@ -57,7 +57,7 @@ class Points(Unique):
     def teach(self, name: str) -> EpsonPoint:
         """Set or add a point at the current tool position, and return it.
 
-        Raises ArgumentError if the name is invalid, RobotError if the joints are too old.
+        Raises ArgumentError if the name is invalid, RobotError if the joints are stale.
         """
         point, posture = self._here()
         self._taught.set(name, point, posture)

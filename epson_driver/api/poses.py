@@ -25,7 +25,8 @@ BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The built-in frames: the arm's base_link, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""Maximum error of a rotation matrix. The nearest exact rotation replaces the matrix."""
+"""Largest deviation of a rotation matrix times its transpose from the unit matrix. The nearest
+exact rotation replaces an accepted matrix."""
 
 MM_SUSPICION = 10.0
 """Multiple of the arm's reach beyond which a position is suspected to be in mm."""
@@ -38,9 +39,10 @@ Pose = npt.ArrayLike | EpsonPoint
 class Waypoint:
     """A pose in the path of `move_path`.
 
-    via: a point, x y z in m, through which the tool moves on an arc. None: it moves on a line.
-    blend: distance from the pose, m, within which the tool may cut the corner. 0: it stops at the
-    pose. frame: the frame of pose and via. A blend or frame of None is that of `move_path`.
+    * via: a point, x y z in m, through which the tool moves on an arc. None: it moves on a line.
+    * blend: distance from the pose, m, within which the tool may cut the corner. 0: it stops at
+      the pose. None: the blend of `move_path`.
+    * frame: the frame of pose and via. None: the frame of `move_path`.
     """
 
     pose: 'Pose'

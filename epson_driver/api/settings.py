@@ -15,7 +15,7 @@ ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
 
 
 def setting(name: str, *usual: object) -> Any:
-    """Return a dataclass field for a ROS parameter. `usual`: a default that replaces its own."""
+    """Return a dataclass field for a ROS parameter. `usual`: another default."""
     row = ROWS[name]
     default = usual[0] if usual else row.default
     return field(
@@ -28,12 +28,18 @@ class Settings:
     """Settings that most robots do not need. Names, units and defaults match the ROS parameters.
 
     None selects the value of the controller's profile or of the robot model. Times are in s.
-    goal_tolerance, start_tolerance: for all joints, rad (m). A goal tolerance of 0 disables the
-    check. require_planned_speed: whether to reject motions that the controller is known to execute
-    faster than planned. servo_scale: fraction of the joint limits available to streams.
-    servo_timeout: time after the last setpoint at which the arm brakes. gripper: its wiring, or
-    None. trace_file: path of a new pcap file that `connect` creates (docs/report.md);
-    %Y%m%d-%H%M%S in its name is expanded. docs/ros_interface.md describes all of them.
+    docs/ros_interface.md describes all of them.
+
+    * goal_tolerance, start_tolerance: for all joints, rad (m). A goal tolerance of 0 disables the
+      check.
+    * require_planned_speed: whether to reject motions that the controller is known to execute
+      faster than planned.
+    * servo_scale: fraction of the joints' velocity, acceleration and jerk limits that streams of
+      setpoints may use.
+    * servo_timeout: time after the last setpoint at which the arm brakes.
+    * gripper: its wiring, or None without a gripper.
+    * trace_file: path of a new pcap file that `connect` creates (docs/report.md). %Y%m%d-%H%M%S
+      in its name is expanded.
     """
 
     joint_names: tuple[str, ...] | None = setting('joint_names', None)
@@ -86,7 +92,8 @@ def parameter_values(
     """Return the settings and the arguments of a Robot by ROS parameter name.
 
     `host`: an address or the path of a robot's file. An argument of None is left out, because the
-    file, the profile or the table has its default. Raises ValueError if an argument is invalid.
+    file, the profile or the table of settings has its default. Raises ValueError if an argument is
+    invalid.
     """
     in_file = isinstance(host, str) and host.endswith('.yaml')
     values = robot_settings(host) if in_file else {}

@@ -149,7 +149,7 @@ class Simulation(Unique):
         await self._do(' '.join(['fault', *WORDS.checked(text, 'text')]))
 
     async def _do(self, words: str) -> None:
-        """Run a command of `pendant`. Raises RobotError if the controller refuses it."""
+        """Run a command of `epson_driver pendant`. Raises RobotError if it is refused."""
         port = self._port()
         try:
             async with connected('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:

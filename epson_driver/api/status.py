@@ -20,10 +20,15 @@ class ControllerError:
 class RobotStatus:
     """Current state of arm and controller.
 
-    A field is None if the controller does not report it, or the link is down. connected: whether
-    the motion and the state link are up. enabled: whether motions are allowed. paused: whether the
-    controller has interrupted motion without an error, or the speed scaling is 0. mode: 'manual'
-    or 'auto'. text: the state as a clause. remedy: the action needed before the arm can move.
+    A field is None if the controller does not report it, or the link is down.
+
+    * connected: whether the motion and the state link are up.
+    * enabled: whether motions are allowed.
+    * paused: whether the controller has interrupted motion without an error, or the speed scaling
+      is 0.
+    * mode: 'manual' or 'auto'.
+    * text: the state as a clause.
+    * remedy: the action needed before the arm can move.
     """
 
     connected: bool
@@ -43,8 +48,8 @@ class RobotStatus:
 class Sample:
     """Measured joints, with the time of the measurement, and the robot's state.
 
-    positions, velocities: shape (n,), rad and rad/s (m, m/s). time: like `time.time()`, s since
-    1970.
+    * positions, velocities: shape (n,), rad and rad/s (m, m/s).
+    * time: s since 1970, as returned by `time.time()`.
     """
 
     positions: Array

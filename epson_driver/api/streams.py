@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods of a Robot that send streams of setpoints to the driver's servo.
 
-After a stop, the servo only follows again after a pause in the stream. Invalid setpoints are also
-reported to the servo, because a program that sends them has not paused.
+After a stop, the servo accepts setpoints again only after a pause in the stream. Invalid setpoints
+are also reported to the servo, because a program that sends them has not paused.
 """
 
 import asyncio
@@ -49,8 +49,8 @@ class Streams(Arm):
         and the arm stops at the last one. After a stop or disable, send nothing for a second
         before starting again (docs/servo.md).
 
-        Raises ArgumentError if the setpoint is invalid. Raises RobotError or MotionError, and
-        drops the setpoint, if it cannot be followed now.
+        Raises ArgumentError if the setpoint is invalid. If the servo does not accept it now, it is
+        dropped, and RobotError or MotionError is raised.
         """
         limits = self.model.limits
         with self._received() as servo:
@@ -62,7 +62,7 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_velocity(self, velocities: 'npt.ArrayLike') -> None:
-        """Send a setpoint like `servo`: joint velocities, shape (n,), rad/s (m/s)."""
+        """Send a setpoint of a stream (see `servo`): joint velocities, shape (n,), rad/s (m/s)."""
         with self._received() as servo:
             values = joint_rows('velocities', velocities, self.model.limits, rows=False)
             _check_possible(values, self.model.limits)
@@ -70,10 +70,11 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_pose(self, pose: 'Pose', *, frame: str | None = None) -> None:
-        """Send a setpoint like `servo`: a pose of the tool, in any form that `move_line` accepts.
+        """Send a setpoint of a stream (see `servo`): a pose of the tool.
 
-        The arm uses the configuration nearest to the current one. Raises PathError if the pose is
-        out of reach or needs another configuration, and the exceptions of `servo`.
+        pose, frame: see `move_line`. The arm uses the configuration nearest to the current one.
+        Raises PathError if the pose is out of reach or needs another configuration, and the
+        exceptions of `servo`.
         """
         arm, limits = self._hand[1], self.model.limits
         with self._received() as servo:
@@ -94,7 +95,7 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_speed(self, velocity: 'npt.ArrayLike', *, frame: str = BASE_LINK) -> None:
-        """Send a setpoint like `servo`: a velocity of the tool, shape (6,).
+        """Send a setpoint of a stream (see `servo`): a velocity of the tool, shape (6,).
 
         velocity: along x y z, m/s, and about x y z, rad/s. frame: axes of the velocity,
         'base_link' or 'tool' (the current tool frame). The tool is slower where a joint would be
@@ -147,7 +148,7 @@ class Streams(Arm):
     def _take(
         self, servo: 'Servo', positions: Array | None = None, velocities: Array | None = None
     ) -> None:
-        """Pass a setpoint to the servo. Raises RobotError if it is not followed."""
+        """Pass a setpoint to the servo. Raises RobotError if the servo does not accept it."""
         from epson_driver.driver.servo.setpoint import Setpoint
 
         driver = self._connection.running
@@ -160,7 +161,7 @@ class Streams(Arm):
         raise RobotError(f'the setpoint is not followed: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:
-        """Return the joints commanded by a followed stream, shape (n,), or the measured joints."""
+        """Return the joints that the running stream commands, or else the measured, shape (n,)."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 

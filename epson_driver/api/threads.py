@@ -229,7 +229,7 @@ class Session:
         return thread.run(work)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Return a function's result. It runs in the event loop, or in this thread without one."""
+        """Call a function in the event loop if there is one, else in this thread."""
         thread = self._thread
         return function() if thread is None else thread.call(function)
 

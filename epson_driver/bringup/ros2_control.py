@@ -23,7 +23,8 @@ PATH_TOLERANCE_S = 0.5
 lags less. A larger lag aborts the goal."""
 
 SERVO_SCALE = 0.25
-"""Default of the driver's `servo.scale`: fraction of the joint limits for following streams."""
+"""Default of the driver's `servo.scale`: fraction of the joints' velocity, acceleration and jerk
+limits that streams of setpoints may use."""
 
 
 def ros2_control_arguments(namespace: str) -> dict[str, str]:

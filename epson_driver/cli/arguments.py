@@ -98,9 +98,9 @@ def parsed(
 ) -> argparse.Namespace:
     """Return the parsed arguments of a command.
 
-    A robot's file replaces an address, or the model after --robot. Its other values replace the
-    parser's defaults. `positional`: the setting that it replaces elsewhere. `refused`: why the
-    command accepts no such file, or ''.
+    A robot's file (robot.yaml) may be given instead of a value: after --robot it stands for its
+    model, elsewhere for its setting `positional`. Its other settings replace the parser's
+    defaults. `refused`: why the command accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)

@@ -140,10 +140,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _fitting(file: Path, model: RobotModel) -> Trajectory:
-    """Return the trajectory in a file, with its joints in the model's order.
-
-    Raises InputError if its joints are not those of the model, or if the file is invalid.
-    """
+    """Return the trajectory in a file, with its joints in the model's order."""
     trajectory = read_trajectory(file)
     if sorted(trajectory.joint_names) != sorted(model.joint_names):
         raise InputError(

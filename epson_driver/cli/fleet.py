@@ -42,8 +42,9 @@ WINDOW_S, QUEUE = 2.0, 2000
 class Row(NamedTuple):
     """One row of the table.
 
-    `state`: the driver's link state, or the process that has ended. `rate`: joint states, Hz.
-    `cpu`: cores in use. `memory`: bytes.
+    * state: the driver's link state, or the process that has ended.
+    * rate: rate of the joint states, Hz.
+    * cpu, memory: cores in use, and bytes.
     """
 
     name: str

@@ -138,10 +138,7 @@ async def _perform(requested: Action, command: str, arguments: argparse.Namespac
 
 
 async def _result(ask: Ask, requested: Action, command: str, address: str) -> str:
-    """Perform an action, and return its result with the controller's identity.
-
-    Raises RefusedError if the controller refuses the action.
-    """
+    """Perform an action, and return its result with the controller's identity."""
     try:
         if requested.commands:
             value = (await do(ask, requested)).replace(';', '\n') or 'none'

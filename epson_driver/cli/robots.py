@@ -64,10 +64,7 @@ def main() -> int:
 
 
 def _write(arguments: argparse.Namespace) -> int:
-    """Write the plot, or else the MoveIt package, print each path, and return 0.
-
-    Raises InputError if that is impossible.
-    """
+    """Write the plot, or else the MoveIt package, print each path, and return 0."""
     # here, because they import half of this package
     from epson_driver.bringup import BringupError, write_moveit_package
     from epson_driver.report.envelope import PictureError, draw_envelope

@@ -133,10 +133,7 @@ def _program(
     settings: Settings,
     folder: Path | None,
 ) -> Program | None:
-    """Return the SPEL+ program to run, or None for a built-in program.
-
-    Raises InputError or OSError if it cannot be read or compiled.
-    """
+    """Return the SPEL+ program to run, or None for a built-in program."""
     if args.program is not None:
         files = read_project(args.program)
     elif profile.spel.project:

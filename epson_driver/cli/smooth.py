@@ -130,10 +130,7 @@ class _CountingPlanner:
 
 
 def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode) -> Trajectory:
-    """Return the plan with its joints in the robot's order.
-
-    Raises _PlanError if its joints are not the robot's, or if times are needed and missing.
-    """
+    """Return the plan with its joints in the robot's order, or raise _PlanError."""
     names = trajectory.joint_names
     if sorted(names) != sorted(limits.names):
         raise _PlanError(

@@ -64,7 +64,7 @@ def add_program_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
-    """Return the settings in `folder`, if given, overridden by those of the options.
+    """Return the settings of the spel.yaml in `folder`, if given, overridden by the options.
 
     Raises InputError if they are invalid.
     """
@@ -82,8 +82,9 @@ def program_of(
 ) -> Program:
     """Return the program in `files` with new values of #define lines, and with its settings.
 
-    `starts`: pattern of the functions that make the settings first. Raises ProgramError if it has
-    errors, with the paths of its files from the current folder, and InputError for invalid values.
+    `starts`: pattern of the functions that begin with the statements of the settings. Raises
+    ProgramError, with file paths from the current folder, if the program has errors, and
+    InputError if a value is invalid.
     """
     files = with_defines(files, dict(arguments.define))
     try:

@@ -78,10 +78,11 @@ OUTSIDE_RAD = 0.05
 
 @dataclass(frozen=True)
 class Question:
-    """The controller to check, and the permitted checks.
+    """The controller to check, and the permitted checks. A port of 0 is not used.
 
-    A port of 0 is not used. `seconds`: listening time, s. `may_ask`: permits requests to the
-    motion and remote ports. `may_use_io`: permits requests to the I/O port.
+    * seconds: listening time, s.
+    * may_ask: permits requests to the motion and remote ports.
+    * may_use_io: permits requests to the I/O port.
     """
 
     host: str
@@ -234,10 +235,7 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
 
 
 async def _tell_why_not(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Report why the arm cannot move, from STATUS and, if permitted, Remote Ethernet.
-
-    Returns the facts from Remote Ethernet.
-    """
+    """Report why the arm cannot move. Return the facts from Remote Ethernet, if it may be used."""
     status = latest_status(state.traffic) or Status()
     texts = load_error_texts(question.profile.error_texts)
     facts: Facts = {}

@@ -36,8 +36,9 @@ class Finding:
 class Findings:
     """Collects findings and reports each immediately, because the next check may be slow.
 
-    `tell` is called with each finding, and `busy` with a description of the current step. `doubt`:
-    a sentence on why it is unknown whether the arm could move.
+    * tell: called with each finding.
+    * busy: called with a description of the current step.
+    * doubt: a sentence on why it is unknown whether the arm could move, or ''.
     """
 
     def __init__(

@@ -49,9 +49,10 @@ NOTHING_LISTENS = (
 class Look:
     """The services that answer at an address, with the profile and the model that fit.
 
-    `profile`, `model`: names, or '' if unknown. `why`: the reason for the profile. `answers`: a
-    clause on the service at each port. `simulated`: whether the controller reports that it is
-    simulated.
+    * profile, model: names, or '' if unknown.
+    * why: the reason for the profile.
+    * simulated: whether the controller reports that it is simulated.
+    * answers: a clause on the service at each port.
     """
 
     host: str

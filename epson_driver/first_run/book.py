@@ -67,7 +67,9 @@ class Entry:
 class FirstRunRecord:
     """The results of a first run.
 
-    `about`: the robot and the software. `entries`: the steps by name. `name`: of the file.
+    * about: descriptions of the robot and the software.
+    * entries: the steps by name.
+    * name: name of the file.
     """
 
     about: dict[str, str]
@@ -153,7 +155,8 @@ def _entry(step: str, data: Mapping[str, Any]) -> Entry:
 class ReplicaSettings:
     """The setup of a simulated controller that behaves like the robot.
 
-    `motion`: smooth or ptp. `faults`: active from the start.
+    * motion: 'smooth', or 'ptp' for a stop at each point.
+    * faults: simulated faults that are active from the start.
     """
 
     robot: str
@@ -194,9 +197,10 @@ def likeness(book: FirstRunRecord) -> ReplicaSettings:
 def _state_delay(
     book: FirstRunRecord, profile: ControllerProfile, replies: float, stops: bool
 ) -> float:
-    """Return the delay of the state messages, s: how much later motion is seen than in simulation.
+    """Return the extra delay of state messages, s, compared with the simulated controller.
 
-    A servo lag beyond the profile's has the same effect and is included in the delay.
+    `replies`: delay of the controller's replies, s. `stops`: whether the arm stops at each point.
+    A servo lag beyond the profile's has the same effect and is included.
     """
     start = book.times.get(START_TIME)
     if start is None or profile.spel.project:

@@ -80,7 +80,7 @@ class Connections:
         self._open: dict[int, Conversation] = {}
 
     async def to(self, host: str, port: int, **options: Any) -> Conversation:
-        """Return the connection to a port, or a new one if it has ended. Raises like `opened`."""
+        """Return the connection to a port, or a new one (see `opened`) if it has ended."""
         made = self._open.get(port)
         if made is None or made.traffic.ended:
             if made is not None:

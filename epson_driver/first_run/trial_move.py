@@ -63,9 +63,11 @@ class NotMovedError(Exception):
 class TrialMove:
     """Records of one motion. Times: s on the loop's clock.
 
-    `sent`: times of the points. `answers`: time and code of each reply, or None without a reply.
-    `stopped`: the time of a STOP. `times`, shape (k,), and `positions`, shape (k, n), rad or m: of
-    the joint states. `statuses`: each STATUS with its time.
+    * sent: when each point was sent.
+    * answers: time and code of the reply to each point, or None without a reply.
+    * stopped: when a STOP was sent, or None.
+    * times, positions: of the joint states, shape (k,), and shape (k, n), rad or m.
+    * statuses: each STATUS with its time.
     """
 
     sent: list[float] = field(default_factory=list)
@@ -174,10 +176,10 @@ async def move_by_statements(
     durations: Sequence[float],
     stop_after: float | None = None,
 ) -> TrialMove:
-    """Move like `move_and_record`, with one statement of Remote Ethernet for each target.
+    """Move through the targets with one statement of Remote Ethernet for each.
 
-    The controller replies to a statement when the arm is at the target. Until then no joint states
-    arrive.
+    Arguments and exceptions: see `move_and_record`. The controller replies to a statement when the
+    arm is at the target. Until then no joint states arrive.
     """
     clock, link = asyncio.get_running_loop().time, state.link
     assert isinstance(link, RemoteLink)  # noqa: S101 - for the type checker

@@ -134,7 +134,7 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
 
 
 def _unused_files(words: Sequence[str], names: Sequence[str]) -> Iterator[str]:
-    """Yield a warning for each `--params-file` in `words` with nothing for nodes in `names`."""
+    """Yield a warning for each `--params-file` in `words` without parameters of nodes `names`."""
     for option, path in pairwise(words):
         if option != '--params-file':
             continue

@@ -188,7 +188,7 @@ class ArmState:
     def of(self, limits: JointLimits, oldest: float) -> tuple[Array, Array]:
         """Return positions and velocities, shapes (n,), at most `oldest` s old.
 
-        Raises GoalRejectedError if `JointReader.of` does.
+        Raises GoalRejectedError if a joint's state is missing or older, or its position jumps.
         """
         own = self._own or self._node.count_publishers(self._own.topic)
         reader = self._own if own else self._shared

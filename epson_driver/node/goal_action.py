@@ -78,7 +78,7 @@ class GoalRequests:
         )
 
     def _tolerances(self, messages: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
-        """Return tolerances of a goal. Their defaults: parameters `constraints.<joint>.<kind>`."""
+        """Return the tolerances of a goal, by default those in `constraints.<joint>.<kind>`."""
         defaults = self._setup.tolerances(kind).position
         return tolerances_from_messages(messages, field, self._limits.names, defaults)
 
@@ -98,8 +98,8 @@ def start_time(
 ) -> float:
     """Return the start time of a trajectory on the loop's clock, s, or 0 to start immediately.
 
-    `duration`: duration of the trajectory, s. Raises GoalRejectedError if `stamp` is too old or
-    too far in the future.
+    `duration`: duration of the trajectory, s. Raises GoalRejectedError if `stamp` is more than
+    MAX_START_OFFSET_S from now, or if the trajectory would already have ended.
     """
     if stamp == Time():
         return 0.0

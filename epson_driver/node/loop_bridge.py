@@ -69,9 +69,9 @@ class DriverEndedError(RuntimeError):
 class LoopBridge:
     """Passes the requests of one node to the driver's event loop. Must be created in that loop.
 
-    `context`: contextvars that identify the node's logger. `fault` is called in the loop, with the
-    reason, when a request fails unexpectedly. `then`: what `fault` does, for the reply and the
-    log.
+    * context: contextvars that identify the node's logger.
+    * fault: called in the loop, with the reason, when a request fails unexpectedly.
+    * then: what `fault` does, as a clause for the reply and the log.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class LoopBridge:
             raise DriverEndedError from error
 
     def hand_over(self, request: Callable[..., object], *arguments: object) -> None:
-        """Schedule a function that may move the arm, like `to_loop`. `all_taken` waits for it."""
+        """Schedule a function that may move the arm (see `to_loop`). `all_taken` waits for it."""
         self._handed_over += 1
         self.to_loop(request, *arguments)
 

@@ -54,8 +54,8 @@ ARGUMENTS: dict[str, Rule] = {
     'acceleration': number(1e-4, 100_000.0, 'rad/s² or m/s²'),
     'move_time': number(0.0, 3600.0, 's'),
 }
-"""Allowed additional arguments of a motion. The velocity and acceleration of a joint move are in
-rad or m, those of the tool in m. A nonzero move_time replaces both."""
+"""Allowed additional arguments of a motion. A joint move has the velocity and acceleration of its
+joints, other motions those of the tool. A nonzero move_time replaces both."""
 
 _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIMESTAMP)
 

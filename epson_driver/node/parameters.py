@@ -103,7 +103,7 @@ def rejection(changes: Iterable[Parameter]) -> str:
 
 
 def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
-    """Declare the parameters of rows, like `declare`, and return their values by name."""
+    """Declare the parameters in `rows` and return their values by name (see `declare`)."""
     values = {}
     for row in rows:
         value = _declared(node, row)

@@ -40,12 +40,11 @@ its reply, and a spare one."""
 class RosThread:
     """A thread that spins an executor until `leave`.
 
-    `on_error` is called in the thread with each exception, and if the thread ends early. After an
-    exception the thread continues if possible, to answer requests while the arms stop. `context`:
-    the nodes' context, or None for rclpy's default.
+    * on_error: called in the thread with each exception, and if the thread ends early.
+    * context: the nodes' context, or None for rclpy's default.
 
-    It does not use `spin_until_future_complete`, because rclpy adds a callback to the future at
-    every turn.
+    After an exception the thread continues if possible, to answer requests while the arms stop. It
+    does not use `spin_until_future_complete`, with which rclpy adds a callback at every turn.
     """
 
     def __init__(

@@ -181,8 +181,8 @@ SHUT_DOWN_TIMEOUT_S = 6.0
 class ForwardedGoal:
     """A goal from ROS that is forwarded to the downstream driver.
 
-    start: earliest start time on the loop's clock, s, or 0 to start immediately. why: the outcome
-    if the goal is abandoned, else None.
+    * start: earliest start time on the loop's clock, s, or 0 to start immediately.
+    * why: the outcome if the goal is abandoned, else None.
     """
 
     request: FollowJointTrajectory.Goal
@@ -206,9 +206,10 @@ class ForwardedGoal:
 class SentMotion:
     """The motion that was sent for a goal, and its progress according to feedback.
 
-    `start`: start of the motion, ns on the downstream driver's clock. `stamp`: time of the last
-    feedback, ns on the same clock. `arrival`: arrival of that feedback, s on the loop's clock.
-    `follows`: whether the commanded position in that feedback matches the motion.
+    * start: start of the motion, ns on the downstream driver's clock.
+    * stamp: time of the last feedback, ns on the same clock.
+    * arrival: arrival of that feedback, s on the loop's clock.
+    * follows: whether the commanded position in that feedback matches the motion.
     """
 
     goal: ForwardedGoal

@@ -37,7 +37,7 @@ class Executed:
         self._rests = [position]
 
     def __call__(self, now: float, executed: ActivePlan | JointMotion | None) -> None:
-        """Record that `executed` is the motion from `now`, s, on. None: the arm rests."""
+        """Record the motion that starts at time `now`, s. None: the arm is at rest from then."""
         before, rest = self._pieces[-1], self._rests[-1]
         if executed is None and before is not None:
             rest = _rest_after(before)

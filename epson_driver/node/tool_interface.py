@@ -92,9 +92,11 @@ def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class NamedTool:
-    """A tool. `values`: x y z, m, and a unit quaternion x y z w in tool0.
+    """A tool (TCP) and its frame.
 
-    `name`: without the links' prefix. `pose`: `values` as a homogeneous matrix, shape (4, 4).
+    * name: name of the frame without the prefix of the arm's links.
+    * values: pose in tool0, x y z, m, and a unit quaternion x y z w.
+    * pose: the same pose as a homogeneous matrix, shape (4, 4), m.
     """
 
     name: str

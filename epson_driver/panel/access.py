@@ -60,8 +60,8 @@ def bracketed(address: str) -> str:
 class Access:
     """The access rules of one panel.
 
-    `names`: the host names from `own_names`. `token`: the secret that each request must contain,
-    or None if none is required.
+    * names: host names under which the page may be opened (`own_names`).
+    * token: secret that each request must contain, or None if none is required.
     """
 
     port: int

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arming: the permission for one browser at a time to move a robot.
 
-Arming ends when the user disarms, or when the displayed data is too old. It also ends when the
+Arming ends when the user disarms, or when the displayed data is stale. It also ends when the
 page is closed, disconnected or unresponsive, because its user could not press STOP. The motion
 that the browser has started ends then, too.
 """
@@ -27,8 +27,9 @@ class NotArmedError(RequestError):
 class Arming:
     """The arming of one robot. Thread-safe. Browsers are identified by their window numbers.
 
-    `forbidden` returns why arming is not allowed now, or None. `on_end` is called with the reason
-    when arming ends, before another browser can be armed. `clock`: monotonic, s.
+    * forbidden: returns why arming is not allowed now, or None.
+    * on_end: called with the reason when arming ends, before another browser can be armed.
+    * clock: returns the monotonic time, s.
     """
 
     def __init__(

@@ -32,7 +32,7 @@ DIRECTIONS = {
 """For each axis: 1 for a rotation or 0 for a translation, and the direction in the frame."""
 
 JOINT_FRACTION = 0.25
-"""Full jog speed of a joint, as a fraction of its velocity limit, like `servo.scale`."""
+"""Full jog speed of a joint, as a fraction of its velocity limit: the default of `servo.scale`."""
 
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
 """Full jog speeds of the tool, m/s (the reduced speed of ISO 10218-1) and rad/s."""

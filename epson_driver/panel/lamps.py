@@ -47,9 +47,10 @@ class Lamp(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """The reason why the arm cannot move now, and the remedy. `colour`: one of COLOURS.
+    """The reason why the arm cannot move now, and the remedy.
 
-    `armed`: whether the remedy needs an armed window.
+    * colour: one of COLOURS.
+    * armed: whether the remedy needs an armed window.
     """
 
     reason: str
@@ -149,9 +150,10 @@ def _condition(state: RobotState, now: float) -> Mapping[str, str]:
 
 
 def _estop(condition: Mapping[str, str]) -> Advice | None:
-    """Return the advice for the E-stop of a simulated controller, or None if it is clear.
+    """Return the advice while the E-stop of a simulated controller is active, else None.
 
-    A robot_status does not distinguish a pressed E-stop from one that is released and not reset.
+    Unlike a robot_status, `condition` shows whether the E-stop is still pressed or needs only a
+    reset, so that the advice names the next action.
     """
     estop = condition.get('estop', NO_ESTOP)
     if estop == NO_ESTOP:

@@ -48,7 +48,9 @@ PENDANT: dict[str, dict[str, Action]] = {
 class RobotControl:
     """The actions on one robot, for all browsers. Methods are thread-safe and do not block.
 
-    They raise RequestError, with a sentence for the user, if an action is not possible now.
+    They raise RequestError, with a sentence for the user, if an action is not possible now. Their
+    argument `browser` is the number of the window that requests the action.
+
     `pendant` returns the simulated pendant of the controller at a host and a port, or None if that
     controller must not be queried.
     """
@@ -261,20 +263,24 @@ class RobotControl:
             self.robot.write_output(index, value, self.robot.log)
 
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Execute a trajectory. Its joints have the names of the driver's or of the model's."""
+        """Execute a trajectory that the window `browser`, which must be armed, has requested.
+
+        `name`: the trajectory's name, for the log. Its joints may be named as in the driver or as
+        in the robot model.
+        """
         with self.arming.held(browser):
             if self.robot.state.no_plans:
                 raise RequestError(self.robot.state.no_plans)
             self._send(name, self._renamed(trajectory))
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Move slowly and straight, in joint space, to the start of a trajectory."""
+        """Move slowly to the start of the trajectory `name`, straight in joint space."""
         with self.arming.held(browser):
             here, start = self._here(), self._renamed(trajectory).positions[0]
             self._send(f'to the start of {name}', self._jog_motion().straight(here, start))
 
     def go_to(self, browser: int, name: str, point: Array) -> None:
-        """Move slowly and straight, in joint space, to a point.
+        """Move slowly to the point `name`, straight in joint space.
 
         `point`: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
         """

@@ -86,9 +86,10 @@ class Event:
 class RobotState:
     """The latest values that a driver has reported.
 
-    Arrays of joints have the order of `joint_names`, shape (n,), rad or m. `inhibit`: the driver's
-    reason why the arm cannot move, or None. `times`: when each value arrived, by its name, s on
-    the panel's clock.
+    Arrays of joints have the order of `joint_names`, shape (n,), rad or m.
+
+    * inhibit: the driver's reason why the arm cannot move, or None.
+    * times: when each value arrived, by its name, s on the panel's clock.
     """
 
     joint_names: tuple[str, ...] = ()
@@ -139,7 +140,7 @@ class RobotState:
         return age is not None and age <= MAX_AGES_S[name]
 
     def joints_missing(self, now: float) -> bool:
-        """Return whether the joints are too old, although the controller should report them.
+        """Return whether the joints are stale, although the controller should report them.
 
         `times['joints withheld']` is the last time when the controller could not report them.
         """

@@ -51,8 +51,10 @@ LOG = QoSProfile(
 class RosDiscovery:
     """The panel's connection to ROS, and the drivers in it.
 
-    `arguments`: those of the command line. `names`: the drivers' nodes, or None for all drivers
-    that are found. `on_error` is called with the failed part and an exception of the ROS thread.
+    * arguments: ROS arguments of the command line.
+    * names: the drivers' nodes, or None for all drivers that are found.
+    * on_error: called with the failed part and an exception of the ROS thread.
+
     Raises the exceptions of rclpy.init.
     """
 

@@ -107,11 +107,11 @@ class Goal:
 
 
 class RosRobot:
-    """A driver. `name`: its node, such as /left/epson_driver.
+    """A driver. Requests are thread-safe and do not block. `sample` runs in one thread.
 
-    `executor` spins `node`, which receives the answers, in one thread. No executor spins
-    `sampled`, the node of the subscriptions. Requests are thread-safe and do not block. `sample`
-    runs in one thread.
+    * node: receives the answers. `executor` spins it in one thread.
+    * sampled: the node of the subscriptions, which no executor spins.
+    * name: the driver's node, such as /left/epson_driver.
     """
 
     def __init__(self, node: Node, executor: Executor, sampled: Node, name: str) -> None:

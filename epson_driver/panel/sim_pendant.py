@@ -133,10 +133,7 @@ class SimPendant:
                 say('', True)
 
     async def _do(self, ask: Ask, command: Action) -> None:
-        """Perform an action, with a login unless it is for simulations only.
-
-        Raises RefusedError or RemoteError if the controller refuses it, and TimeoutError.
-        """
+        """Perform an action, in a connection with a login if the action needs one."""
         if not needs_login(command):
             await _in_time(do(ask, command))
             return

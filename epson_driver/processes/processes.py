@@ -172,15 +172,18 @@ class Process:
                 self._popen.stdout.close()
 
     def ports(self) -> Ports:
-        """Return the ports of a sim_controller, once it listens.
+        """Wait until a sim_controller listens, and return its ports.
 
-        Raises RunError with its log if it ends instead.
+        Raises RunError with its log if the process ends first.
         """
         words = dict(word.split('=') for word in self._reported('listening'))
         return Ports(**{key: int(value) for key, value in words.items()})
 
     def address(self) -> str:
-        """Return the URL of a panel, once it is served. Raises RunError like `ports`."""
+        """Wait until a panel is served, and return its URL.
+
+        Raises RunError with its log if the process ends first.
+        """
         return self._reported('panel')[0]
 
     def _reported(self, first: str) -> list[str]:

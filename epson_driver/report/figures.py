@@ -143,11 +143,14 @@ class Timing:
 class Motion:
     """One plan and its execution. Times in s, angles in rad, lengths in m.
 
-    `points`, `planned`: number of points and duration of the plan. `sent`, `began`: times of the
-    first point and of the first motion. `dead_time`: from sent to began. `moved`: duration of the
-    motion. `stops`: stops during the motion that are not in the plan. `waypoint_deviation`:
-    largest distance of a point from the path, independent of time. Values are None if the arm did
-    not move.
+    * sent, began: times of the first point and of the first motion.
+    * points, planned: number of points and duration of the plan.
+    * dead_time: from `sent` to `began`.
+    * moved: duration of the motion.
+    * stops: number of stops during the motion that are not in the plan.
+    * waypoint_deviation: largest distance of a point from the path, independent of time.
+
+    Values are None if the arm did not move.
     """
 
     sent: float
@@ -168,9 +171,9 @@ class Motion:
 class Figures:
     """All measured values of a run.
 
-    `velocities`, `accelerations`: of the joint states, shape (k, m). `traffic`: for each kind of
-    message, its name, sender and intervals. `replies`: for each kind of request, its name and
-    latencies.
+    * velocities, accelerations: of the joint states, shape (k, m).
+    * traffic: name, sender and intervals of each kind of message.
+    * replies: name and latencies of each kind of request.
     """
 
     velocities: Array

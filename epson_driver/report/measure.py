@@ -34,9 +34,10 @@ class Recording:
 class Figures:
     """The figures of one motion. Times in s, deviations in rad, speed in rad/s, rate in Hz.
 
-    `planned`, `moved`: durations of plan and motion. `stops`: number of stops that the plan does
-    not contain. `commanded_stops`: number of stops that it contains. `waypoint_times`: when the
-    arm passed the waypoints, shape (n,).
+    * planned, moved: durations of plan and motion.
+    * stops: number of stops that are not in the plan.
+    * commanded_stops: number of stops in the plan.
+    * waypoint_times: when the arm passed the waypoints, shape (n,).
     """
 
     planned: float

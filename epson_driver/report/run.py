@@ -31,8 +31,8 @@ class RunError(ValueError):
 class Condition:
     """A status of the controller: a STATUS message of its program, or a RobotStatus of ROS.
 
-    `flags`: 1, 0 or -1 (unknown), in the order of FLAGS. `mode`: -1 (unknown), 1 (manual) or 2
-    (auto).
+    * flags: 1, 0 or -1 (unknown), in the order of FLAGS.
+    * mode: -1 (unknown), 1 (manual) or 2 (auto).
     """
 
     time: float
@@ -47,10 +47,11 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A trajectory that was sent to the controller. `sent`: when its first point was sent, s.
+    """A trajectory that was sent to the controller.
 
-    `times`: of the points, s since the first point, shape (n,). `positions`: shape (n, m), rad or
-    m.
+    * sent: when its first point was sent, s.
+    * times: of the points, s since the first point, shape (n,).
+    * positions: shape (n, m), rad or m.
     """
 
     sent: float
@@ -72,8 +73,8 @@ class Event:
 class Traffic:
     """All messages of one kind.
 
-    From a trace, `sender` is 'controller' or 'driver'. From a bag, `name` is the topic, and
-    `sender` its message type.
+    * name: kind of message in a trace, topic in a bag.
+    * sender: 'controller' or 'driver' in a trace, message type in a bag.
     """
 
     name: str
@@ -92,12 +93,14 @@ class Reply:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run of one robot.
+    """The recorded messages of one robot.
 
-    `began`: ns since 1970. `times`: of the joint states, s, ascending, shape (k,). `positions`:
-    shape (k, m), rad or m. `velocities`: measured by the controller, shape (k, m), or None.
-    `links`: time, port, and True for a connection or False for a disconnection. `notes`: sentences
-    on the limits of the recording.
+    * began: start of the recording, ns since 1970.
+    * times: of the joint states, s, ascending, shape (k,).
+    * positions: shape (k, m), rad or m.
+    * velocities: measured by the controller, shape (k, m), or None.
+    * links: time, port, and True for a connection or False for a disconnection.
+    * notes: sentences on the limits of the recording.
     """
 
     source: str

@@ -117,8 +117,8 @@ def per_unit(limits: JointLimits, per: str = '') -> str:
 class Column:
     """A sampled motion through the points of a plan, drawn as a column of the plot.
 
-    `passed`: times at which it passes the points, s, shape (n,). `waypoint_error`: the largest
-    distance of a joint from a point, rad or m.
+    * passed: times at which the motion passes the points, s, shape (n,).
+    * waypoint_error: largest distance of a joint from a point, rad or m.
     """
 
     title: str

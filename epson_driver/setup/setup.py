@@ -35,8 +35,9 @@ NOT_WIRED = [-1, -1]
 class Setup:
     """The settings of a driver, and the objects created from them.
 
-    `values`: all settings by name. Call `apply` after changing settings that may change at any
-    time. `model`: has the joint names of the settings. `gripper`: None if none is configured.
+    * values: all settings by name. `apply` passes changes to a running driver.
+    * model: has the joint names of the settings.
+    * gripper: None if none is configured.
     """
 
     values: dict[str, Any]
@@ -86,7 +87,7 @@ class Setup:
         )
 
     def tolerances(self, kind: str) -> Tolerances:
-        """Return all joints' tolerances. `kind`: goal or trajectory. A setting of 0: no limit."""
+        """Return the tolerances of all joints. `kind`: goal or trajectory. 0 means no limit."""
         names = self.model.joint_names
         values = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
         return Tolerances(np.where(values > 0.0, values, np.inf), np.full(len(names), np.inf))
