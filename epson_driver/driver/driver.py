@@ -70,10 +70,10 @@ class DriverEvents(Protocol):
         """Called with each new joint state."""
 
     def on_status(self, status: Status) -> None:
-        """Called with each new status. All fields of `status` are unknown if none arrives."""
+        """Called with each new status, or with an unknown one if no STATUS arrives."""
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Called when the combined state of the links has changed. `why`: the reason."""
+        """Called with each new combined state of the links (`name`) and the reason (`why`)."""
 
 
 class Driver:

@@ -16,7 +16,7 @@ from epson_driver.simple_message import ByteOrder, FrameError, SimpleMessageErro
 from epson_driver.socket_errors import reason
 
 SLICES = 8
-"""Slices of a ReceiveTimeout. A stall of this process counts as at most one slice of silence."""
+"""Number of parts (slices) of a ReceiveTimeout. A stall of this process counts as at most one."""
 
 READING_TURNS = 2
 """Event-loop iterations after which pending socket data has been read. The first iteration polls
@@ -56,7 +56,7 @@ class ReceiveTimeout:
 
 
 async def wait_for_silence(silence: ReceiveTimeout) -> None:
-    """Restart a timeout, and wait until it expires."""
+    """Restart the receive timeout `silence`, and wait until it expires."""
     now = asyncio.get_running_loop().time
     silence.restart(now())
     turns = READING_TURNS

@@ -136,8 +136,7 @@ class Link:
         self.failure: Exception | None = None
         """The exception of the last connection attempt that failed, or None."""
         self.joints_withheld = False
-        """Whether it is normal in the controller's present state that it sends no joint
-        positions."""
+        """Whether it is normal that the controller sends no joint positions in its state."""
         self.last_received = 0.0
         """Loop time of the last read, s."""
 
@@ -169,7 +168,7 @@ class Link:
         return b'' if self._connection is None else self._connection.framer.unread
 
     async def run(self) -> None:
-        """Keep the link alive until cancelled."""
+        """Connect, and reconnect after each loss, until cancelled."""
         loop = asyncio.get_running_loop()
         self._now = loop.time
         self._step(LinkEvent.OPEN, f'connecting to {self.host}:{self.port}')

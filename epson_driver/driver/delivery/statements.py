@@ -192,9 +192,10 @@ def _percent(fraction: float) -> int:
 
 
 def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
-    """Return joint positions that place the tool at `via`, oriented as at the nearest position.
+    """Return joint positions that place the tool at the position `via`.
 
-    `positions`: planned joint positions. If `via` cannot be reached, the nearest one is returned.
+    `positions`: planned joint positions. The tool has the orientation of the one nearest to `via`,
+    which is returned if `via` cannot be reached.
     """
     positions = positions[:: len(positions) // MAX_COMPARED + 1]
     poses = [arm.forward(row) for row in positions]

@@ -541,7 +541,6 @@ class GoalExecution:
         self._stop(GoalEvent.STOP, outcome, now)
 
     def _send_point(self, now: float) -> None:
-        """Send the next point, scaled to the current speed factor."""
         if self._schedule is None:
             return
         index = self.point

@@ -100,7 +100,7 @@ class PlanningScopes:
 
 
 def _log_error(done: 'asyncio.Future[T]', *, abandoned: bool) -> None:
-    """Log an unexpected error of a planning thread if no caller waits for its result."""
+    """Log an unexpected error of a planning thread if its caller no longer waits (`abandoned`)."""
     if done.cancelled():
         return
     error = done.exception()

@@ -82,7 +82,7 @@ STOP_WITHIN_S = 0.3
 """Maximum stopping time of the arm with the full limits, s. It limits the speed of the arm."""
 
 MAX_LAG_S = 0.5
-"""Maximum time that is sent ahead of the arm, s."""
+"""Maximum time by which the points sent may be ahead of the arm, s."""
 
 MIN_STEP = 1e-6
 """Minimum change of any joint that is sent while the tracker moves, rad or m."""
@@ -438,7 +438,6 @@ class Servo:
         return session.check.add(arrival, setpoint.positions, setpoint.velocities)
 
     def _update_reference(self, session: _Session, setpoint: Setpoint, arrival: float) -> None:
-        """Update the reference from a position setpoint."""
         if setpoint.positions is None:
             return
         estimate = None

@@ -413,7 +413,7 @@ PACE_MEMORY_S = 0.5
 
 @dataclass(slots=True)
 class _StreamState:
-    """Position and speed of a stream, shapes (n,), at a time, s."""
+    """Position and speed of a stream, each shape (n,), at `time`, s."""
 
     time: float
     position: Array
@@ -469,7 +469,7 @@ class StreamSpeedEstimator:
 
 
 NEAR = 1e-3
-"""Distance to the last setpoint, rad or m, within which the arm has reached it."""
+"""Distance to the last position sent, rad or m, within which the arm has reached it."""
 
 MAX_SENT = 256
 """Maximum number of stored setpoints, which cover five seconds."""
@@ -486,8 +486,7 @@ class StreamLag:
 
     def __init__(self) -> None:
         self.now = 0.0
-        """Time since the arm's current position was sent, s. It is 0 if the arm is at the position
-        that was sent last."""
+        """Time since the arm's current position was sent, s; 0 at the last position sent."""
         self.behind = 0.0
         """Filtered value of `now`, s. Samples at the last position sent are ignored, because an
         arm that stops at each point is always there when it receives the next point."""
@@ -495,8 +494,7 @@ class StreamLag:
         self._sent: deque[tuple[float, Array]] = deque(maxlen=MAX_SENT)
         self._position: Array | None = None
         self._direction: Array = np.zeros(0)
-        """Last displacement of the arm by more than MOVED, shape (n,), which ended at `_position`.
-        """
+        """Last displacement of the arm above MOVED, shape (n,), which ended at `_position`."""
 
     @property
     def ahead(self) -> float:

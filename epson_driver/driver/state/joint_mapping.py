@@ -24,7 +24,7 @@ OFFSETS = list_of(number(-1000.0, 1000.0))
 
 @dataclass(frozen=True, eq=False)
 class JointMapping:
-    """The mapping of n joints. signs: 1 or -1, shape (n,). offsets: shape (n,), rad or m.
+    """The mapping of n joints. `signs`: 1 or -1, shape (n,). `offsets`: shape (n,), rad or m.
 
     All methods convert arrays of shape (n,) or (points, n), in rad (m) or rad/s (m/s).
     """

@@ -76,7 +76,7 @@ class JointVelocity:
     def _closer_to_last(self, after_pause: Values, delayed: Values) -> Values:
         """Return the estimate closer to the previous velocities.
 
-        The two estimates assume that the sender paused, or that a message was delayed.
+        `after_pause`: estimate if the sender paused. `delayed`: if a message was delayed.
         """
         previous = self._velocities
         if previous is None:

@@ -116,10 +116,10 @@ class RobotState:
     The state is cleared when the link is lost, so that stale values cannot be mistaken for fresh
     ones (docs/invariants.md, 6).
 
-    `joints`: number of joints. `errors`: texts of error numbers; None: EPSON's. `mapping`:
-    converts joints of the controller, as in messages, to the ROS convention, as in `sample`.
-    `joints_unavailable` returns whether the controller currently reports no joints, for example
-    while it moves the arm.
+    * `joints`: number of joints. `errors`: texts of error numbers; None: EPSON's.
+    * `mapping`: converts joint values of messages to those of `sample` (the ROS convention).
+    * `joints_unavailable`: returns whether the controller currently reports no joints, for example
+      while it moves the arm.
 
     `sample` is None until the joint velocities are known, because a single position does not show
     that the arm is at rest.

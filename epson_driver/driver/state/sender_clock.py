@@ -20,9 +20,9 @@ BLOCK_TIME_S = 0.25
 FIRST_BLOCK_TIME_S = 0.05
 MIN_BLOCK_MESSAGES = 8
 MAX_BLOCKS = 8
-"""Minimum duration (s) and number of messages of a block. Each block contributes its least delayed
-message to the envelope, which consists of the newest MAX_BLOCKS blocks. The first blocks are
-shorter, because the configured period may be far off."""
+"""Maximum number of blocks of an envelope. Each block contributes its least delayed message. A
+block has at least MIN_BLOCK_MESSAGES messages and lasts at least BLOCK_TIME_S, or only
+FIRST_BLOCK_TIME_S at first, because the configured period may be far off."""
 
 MIN_LINE_POINTS = 3
 """Minimum number of envelope points to which a line is fitted."""
@@ -33,15 +33,15 @@ MIN_ENVELOPE_S = 0.75
 SAME_PERIOD_FRACTION = 0.05
 PERIOD_FILTER_DIVISOR = 4
 MIN_DOUBTS = 8
-"""Filter for a period that an envelope has confirmed. If a new estimate is within
-SAME_PERIOD_FRACTION of the period, 1/PERIOD_FILTER_DIVISOR of the difference is added. A larger
-change must occur MIN_DOUBTS times in a row, which takes 2 s: a stalled program causes many."""
+"""Number of successive estimates that must differ from a confirmed period before it is replaced.
+This takes 2 s, because a stalled program causes many wrong estimates. If an estimate is within
+SAME_PERIOD_FRACTION of the period, 1/PERIOD_FILTER_DIVISOR of the difference is added instead."""
 
 LATE_SLOTS = 3
 """Delay above which a message counts as late, in slots (message periods)."""
 
 DECISION_SLOTS = 4
-"""Slots after a late message until the spacing of the next messages is evaluated."""
+"""Number of slots after a late message until the spacing of the next messages is evaluated."""
 
 MAX_PAUSES = 4
 """Maximum number of successive pauses with fewer than MIN_LINE_POINTS envelope points between

@@ -67,9 +67,11 @@ _log = logging.getLogger(__name__)
 class Stopper:
     """Sends all messages on the motion port, and supervises each STOP until the arm is at rest.
 
-    `before_point` is called before each point. It may raise ConnectionError to prevent sending.
-    `on_alarm(why, unanswered)` is called once for each failed stop. `unanswered`: no reply to STOP
-    has arrived. `on_rest` is called when a stop is over. Times are the event loop's, s.
+    Times are the event loop's, s. Callbacks:
+
+    * `before_point`: called before each point. It may raise ConnectionError to prevent sending.
+    * `on_alarm(why, unanswered)`: called for each failed stop. `unanswered`: STOP has no reply.
+    * `on_rest`: called when a stop is over.
     """
 
     def __init__(
