@@ -112,7 +112,7 @@ class ProgramProfile:
     * `check_sequence`, `check_limits`: whether a point with a wrong sequence number, or outside
       the limits, is refused. Otherwise the motion ends with error 4001 when it reaches a point
       outside the limits.
-    * `uses`: whether a point's velocity, its duration, both or neither are used.
+    * `uses`: whether a point's velocity, its duration, both or none of them are used.
     * `late_failure`: whether a point outside the limits is answered with SUCCESS, then with
       FAILURE, and the connection is closed. The arm finishes the earlier points.
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
@@ -306,7 +306,7 @@ def _path(name: str, folder: Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the file's settings merged over the profile that its `like` key names."""
+    """Return the file's settings, with missing ones from the profile that its key `like` names."""
     layers: list[dict[str, Any]] = []
     read: list[str] = []
     like: str | None = None

@@ -10,7 +10,7 @@ from epson_driver.simple_message import ByteOrder, Mode
 
 
 class FieldsUsed(StrEnum):
-    """Fields of a JOINT_TRAJ_PT that a controller uses: velocity, duration, both or neither."""
+    """Fields of a JOINT_TRAJ_PT that a controller uses: velocity, duration, both or none."""
 
     BOTH = 'both'
     VELOCITY = 'velocity'

@@ -39,10 +39,10 @@ from epson_driver.simple_message import (
 )
 
 MAX_CATCH_UP_SLOTS = 200
-"""Maximum state messages to catch up on after a scheduling delay, 1 s at 200 Hz.
+"""Maximum number of missed state messages to send after a scheduling delay, 1 s at 200 Hz.
 
-Late messages contain the state at their due time, like those of a controller, which measures in
-each cycle. Older messages are dropped, because clients do not need them and each takes 0.1 ms.
+They contain the state at their due time, because a real controller measures it in each cycle.
+Older messages are dropped, because clients do not need them and each takes 0.1 ms.
 """
 
 _Slot = tuple[Callable[[], Message], ...]

@@ -20,8 +20,8 @@ MIN_TIMERS_TO_SWEEP = 64
 class Timer:
     """A scheduled action, once or every `period` s, until it is cancelled.
 
-    `Clock.after` and `Clock.every` create timers. `due`: time of the next call, s. `catch_up`: see
-    `Clock.every`.
+    `Clock.after` and `Clock.every` create timers. `due`: time of the next call, s. `catch_up`:
+    maximum number of missed calls that are made late, see `Clock.every`.
     """
 
     __slots__ = ('action', 'catch_up', 'due', 'period')

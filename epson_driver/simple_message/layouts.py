@@ -266,10 +266,10 @@ class FixedLayout:
 
 
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
-    """Return a function of `pack`, header words and a message, which calls `pack` with all values.
+    """Return a function of `pack`, header fields and a message, which packs them into one frame.
 
-    It is compiled from source, like the methods of a dataclass. Collecting the fields in a flat
-    tuple would take as long as packing them.
+    It is compiled from source, because collecting the fields in a flat tuple would take as long as
+    packing them.
     """
     words = 'length, msg_type, comm_type, reply_code'
     values = (

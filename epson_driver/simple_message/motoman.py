@@ -110,7 +110,7 @@ class ReadIoBit(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadIoBitReply(Message):
-    """READ_IO_BIT_REPLY (2004)."""
+    """READ_IO_BIT_REPLY (2004), the reply to READ_IO_BIT."""
 
     value: int
     result: int
@@ -118,7 +118,7 @@ class ReadIoBitReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class WriteIoBit(Message):
-    """WRITE_IO_BIT (2005)."""
+    """WRITE_IO_BIT (2005), the request to set the bit at `address`."""
 
     address: int
     value: int
@@ -126,7 +126,7 @@ class WriteIoBit(Message):
 
 @dataclass(frozen=True, slots=True)
 class WriteIoBitReply(Message):
-    """WRITE_IO_BIT_REPLY (2006)."""
+    """WRITE_IO_BIT_REPLY (2006), the reply to WRITE_IO_BIT."""
 
     result: int
 
@@ -148,7 +148,7 @@ class ReadIoGroupReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class WriteIoGroup(Message):
-    """WRITE_IO_GROUP (2009)."""
+    """WRITE_IO_GROUP (2009), the request to set eight bits. `address` is the group's number."""
 
     address: int
     value: int
@@ -156,7 +156,7 @@ class WriteIoGroup(Message):
 
 @dataclass(frozen=True, slots=True)
 class WriteIoGroupReply(Message):
-    """WRITE_IO_GROUP_REPLY (2010)."""
+    """WRITE_IO_GROUP_REPLY (2010), the reply to WRITE_IO_GROUP."""
 
     result: int
 

@@ -70,7 +70,7 @@ class LowPower:
     def speed(self, limits: JointLimits, direction: Array) -> float:
         """Return the maximum Speed of a straight move in joint space, a fraction (0, 1].
 
-        `direction`, shape (n,), is the displacement of each joint, scaled by any factor.
+        `direction`, shape (n,), is the displacement of each joint. Its length has no effect.
         Raises ValueError if the number of joints differs.
         """
         self._check(limits)

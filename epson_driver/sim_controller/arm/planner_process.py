@@ -85,7 +85,7 @@ class PlannerProcess:
                 await child.end()
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Request a plan, see `streaming.Planner`.
+        """Request a plan within `limits`. `answer` is called once with the plan, or with None.
 
         Raises RuntimeError if a request is pending or the process is not ready.
         """

@@ -300,7 +300,7 @@ class PointToPoint:
     def step(self, dt: float) -> float | None:
         """Advance by `dt` ≥ 0 s, or less if a point is executed or the arm comes to rest earlier.
 
-        Return the remaining time, s, or None if neither happened within `dt`.
+        Return the remaining time, s (`dt` if the arm is idle), or None if all of `dt` has elapsed.
         """
         if not self.moving:
             return dt

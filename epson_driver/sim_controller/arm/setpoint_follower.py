@@ -23,24 +23,24 @@ RESERVE_POINTS = 4
 """Number of known setpoints with which the motion starts."""
 
 MAX_START_DELAY_S = 0.1
-"""Time after the last setpoint at which the motion starts with fewer of them, s."""
+"""Time after the last setpoint, s, at which the motion starts even with fewer setpoints."""
 
 RAMP_S = 0.25
-"""Time in which the stream regains its speed after a hold, s."""
+"""Time in which the stream regains its full speed after a hold, s."""
 
 NEAR, FAR = 0.01, 0.02
-"""Distances of the arm from its target, rad or m. The stream slows down from NEAR on, and waits
-for the arm at FAR."""
+"""Distances of the arm from its target, rad or m. Beyond NEAR, the setpoints are followed more
+slowly. At FAR, their time stands still until the arm is closer."""
 
 PASSED = 3e-4
-"""Distance by which the arm may pass the known setpoints, rad or m. A stream may turn between two
-of them."""
+"""Distance by which the arm may pass the known setpoints, rad or m. It is not 0, because a stream
+may turn back between two setpoints."""
 
 ROUNDING = 1e-8
 """Distance from the last setpoint, rad or m, at which the arm has reached it."""
 
 INTERPOLATED = 4
-"""Number of setpoints through which the stream is interpolated, by one polynomial."""
+"""Number of setpoints through which each interpolating polynomial passes."""
 
 POWERS = np.arange(INTERPOLATED)
 
@@ -63,7 +63,7 @@ class SetpointFollower:
         self._clock = 0.0
         """Time of the stream that the arm has reached, s."""
         self._rate = 1.0
-        """Speed of this clock."""
+        """Ratio of the time of the stream to real time, 0 to 1, for an arm close to its target."""
         self._age = 0.0
         """Time since the last setpoint arrived, s."""
         self._due = 0.0

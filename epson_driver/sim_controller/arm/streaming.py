@@ -161,7 +161,7 @@ class Streaming:
         self._reset(start)
 
     def _reset(self, position: Array) -> None:
-        """Set the position, without any points."""
+        """Place the arm at rest at a position, without points."""
         self._smoother = Smoother(
             self._power_limits[self.low_power],
             position,
@@ -181,7 +181,7 @@ class Streaming:
 
     @property
     def _source(self) -> Smoother | SetpointFollower:
-        """The source of the motion."""
+        """The follower or the smoother, which moves the arm now."""
         return self._smoother if self._follower is None else self._follower
 
     @property

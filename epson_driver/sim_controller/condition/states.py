@@ -69,7 +69,7 @@ class Tasks(Enum):
 
 
 class Fault(Enum):
-    """Errors of the controller itself. A refused point is no such error."""
+    """Errors of the controller itself. A refused point is not one of them."""
 
     NONE = 'none'
     ERROR = 'error'
@@ -122,7 +122,7 @@ class Event(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """The condition of the controller: the state of each region."""
+    """The condition of the controller: the state of its motors, E-stop, door and so on."""
 
     motors: Motors = Motors.OFF
     estop: EStop = EStop.CLEAR

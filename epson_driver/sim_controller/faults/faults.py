@@ -246,7 +246,7 @@ class Faults:
         return [item for item in self._in_effect(port) if item.fault.name in DISTURBANCES]
 
     def on_triggered(self, active: ActiveFault) -> None:
-        """End a fault that has affected a message, if it is used up."""
+        """End a fault if it has affected the requested number of messages."""
         if active.used_up:
             self._end(active)
 

@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Delayed:
-    """Bytes to send at time `due`, s. `gathered`: whether to join them with others due then."""
+    """Bytes to send at time `due`, s. `gathered`: whether to join them with gathered bytes."""
 
     due: float
     data: bytes

@@ -60,7 +60,7 @@ _PORTS = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT, IoType.FLAG)
 
 
 class IoPoints:
-    """The values of all points. Outputs have their safe values at first, all others 0."""
+    """The values of all points. Initially outputs have their safe values, other points are 0."""
 
     def __init__(self, profile: IoProfile) -> None:
         self.profile = profile

@@ -40,10 +40,10 @@ MAX_WAITING_CLIENTS = 4
 """Maximum number of clients waiting on a full port. Further clients are refused immediately."""
 
 BACKLOG = 64
-"""Maximum number of connections queued by the system. The event loop accepts one per turn."""
+"""Maximum number of connections that the kernel queues. The event loop accepts one per turn."""
 
 ACCEPT_RETRY_S = 0.05
-"""Delay after the system could not accept a connection, s."""
+"""Delay after a failure to accept a connection, s."""
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
 """Errors of `accept` if the process or the system has no file descriptor left."""

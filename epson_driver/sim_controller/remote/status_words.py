@@ -36,7 +36,7 @@ def running(controller: Controller) -> bool:
 
 
 def ready(controller: Controller) -> bool:
-    """Return whether the controller is neither Running nor paused."""
+    """Return whether the controller is Ready: not Running, and not paused."""
     return not running(controller) and not controller.condition.paused
 
 

@@ -92,11 +92,13 @@ class PortObject(Session):
 class ProgramNetwork:
     """The network ports that a SPEL+ program opens with OpenNet.
 
-    `names`: TCP port in the program → name of the controller's port. The name of any other port is
-    its number. `listen` is called with this number when the program first opens such a port as a
-    server, and may raise OSError. `connect` is called with each port that the program opens as a
-    client. If it is None, such a port is connected to the program's own server port, if any.
-    `news` is called when a port object has changed.
+    * `names`: TCP port in the program → name of the controller's port. A port without a name is
+      named by its number.
+    * `listen`: called with the number of a port without a name when the program first opens it as
+      a server. May raise OSError.
+    * `connect`: called with each port that the program opens as a client. If it is None, the port
+      is connected to the program's own server port, if any.
+    * `news`: called when a port object has changed.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:
@@ -127,7 +129,7 @@ class ProgramNetwork:
         return None
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Return the session of a client for which `rejection` returns None."""
+        """Return the session of a new client. Requires that `rejection(port)` returns None."""
         result = self._open(port)
         if result is None:
             raise ConnectionRefusedError(self.rejection(port))

@@ -150,7 +150,7 @@ class SpelProgram:
         self._timer = self._controller.clock.after(0.0, self._run)
 
     def _run(self) -> None:
-        """Run the tasks until now, and then the controller actions that they caused."""
+        """Execute the tasks up to the current time, then the actions that they have caused."""
         self._timer = None
         now = self._pass_time()
         self._start_main()
@@ -186,7 +186,7 @@ class SpelProgram:
         return now
 
     def _after_tasks(self, action: Callable[[], None]) -> None:
-        """Call `action` now, or if the tasks are running, after this run."""
+        """Call `action` now, or at the end of `_run` if this is executing."""
         if self._running:
             self._later.append(action)
         else:
