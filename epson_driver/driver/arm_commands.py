@@ -298,7 +298,7 @@ class ArmCommands:
     async def recover(self) -> str:
         """Reset the controller's error and enable the arm.
 
-        Raises CommandError if either fails, or if `disable` is called during the reset.
+        Raises CommandError if one of these fails, or if `disable` is called during the reset.
         """
         before = self._disabled
         await self.reset_error()
@@ -310,7 +310,7 @@ class ArmCommands:
         return await self.enable()
 
     def _check(self, purpose: Purpose, now: float | None = None) -> None:
-        """Raise CommandError if `why_not` returns a reason. `now`: loop time, s; None: now."""
+        """Raise CommandError if anything inhibits `purpose` at `now` (loop time, s; None: now)."""
         inhibit = self._driver.why_not(purpose, _now() if now is None else now)
         if inhibit is not None:
             raise _inhibited(inhibit)

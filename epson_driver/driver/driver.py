@@ -391,7 +391,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a new state of a link. `name`: 'state', 'motion', or 'remote' if one is both."""
+        """Handle a new state of link `name`: 'state', 'motion', or 'remote', which is both."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.reset()

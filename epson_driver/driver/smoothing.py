@@ -142,7 +142,7 @@ class SmoothingProcess:
 async def result_of(
     process: asyncio.subprocess.Process, value: object, kinds: Collection[type], timeout: float
 ) -> object:
-    """Send a value to a worker process, and return its result, of one of the given types.
+    """Send `value` to a worker process, and return its result, which is of one of `kinds`.
 
     Raises SmoothingError if the process fails or takes longer than `timeout` s.
     """

@@ -72,7 +72,7 @@ async def wait_for_silence(silence: ReceiveTimeout) -> None:
 
 
 Address = tuple[str, int]
-"""IP address (either version) and port."""
+"""IP address (version 4 or 6) and port."""
 
 
 class WireEvent(StrEnum):
@@ -173,7 +173,7 @@ class Connection(asyncio.BufferedProtocol):
         self.transport.close()
 
     def close(self, why: str) -> None:
-        """Close the connection like `end`, but complete `ended` only after all data is sent."""
+        """End the connection without handling more data. Set `ended` once all data is sent."""
         self._why = why
         self.transport.close()
 

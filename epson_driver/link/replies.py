@@ -143,7 +143,7 @@ class PendingReplies:
 
 
 def sequence_of(message: Message) -> int | None:
-    """Return a message's `sequence` or `message_id`, or None if it has neither."""
+    """Return a message's `sequence` or `message_id`, or None for other messages."""
     sequence: int | None = getattr(message, 'sequence', None)
     if sequence is None:
         sequence = getattr(message, 'message_id', None)

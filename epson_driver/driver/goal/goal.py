@@ -240,7 +240,7 @@ class GoalSettings:
 
 
 def cause_timeout(state: StateProfile) -> float:
-    """Return the `cause_timeout` of goals for a controller with this profile, s."""
+    """Return the `cause_timeout` of goals for a controller with the profile `state`, s."""
     return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
 
 

@@ -313,7 +313,7 @@ class GoalExecution:
         code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
         remedy: Remedy = Remedy.NONE,
     ) -> None:
-        """Abort the goal immediately, and send STOP if any point was sent."""
+        """Abort the goal now with this reason, code and remedy. Send STOP if a point was sent."""
         if not self.ended:
             self._abort(GoalEvent.FAULT, why, code, remedy=remedy)
 

@@ -48,11 +48,11 @@ class SpeedScaling:
 
     @property
     def target(self) -> float:
-        """The requested factor."""
+        """The requested speed factor."""
         return self._target
 
     def set(self, factor: float, now: float, *, ramp: bool = True) -> None:
-        """Set the requested factor. `ramp`: change to it gradually instead of immediately.
+        """Set the requested speed factor. `ramp`: change to it gradually instead of immediately.
 
         Raises ValueError if the factor is out of range.
         """
@@ -78,7 +78,7 @@ class SpeedScaling:
         return self._from + (done if change > 0.0 else -done)
 
     def least(self, message: Message) -> float:
-        """Return the minimum factor for a point's message, or 0 if it has no minimum.
+        """Return the minimum speed factor for a point's message, or 0 if it has no minimum.
 
         A lower factor would need a velocity below MIN_VELOCITY, which is never sent.
         """
@@ -232,11 +232,11 @@ class PointSchedule:
         return len(self._messages)
 
     def ahead(self, index: int) -> float:
-        """Return the plan time left until a point, s, or 0 if the clock has passed it."""
+        """Return the plan time left until point `index`, s, or 0 if the clock has passed it."""
         return max(self._times[index] - self.clock.time, 0.0)
 
     def message(self, index: int, now: float) -> Message:
-        """Return the message of point `index`, scaled to the current factor, which is not 0.
+        """Return the message of point `index`, scaled to the speed factor, which must not be 0.
 
         Points must be requested in order, when they are sent.
         """

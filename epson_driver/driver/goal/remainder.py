@@ -58,7 +58,7 @@ def remainder(
     needed = FROM_REST * max(float(times[first] - reached[segment]), approach, MIN_DURATION_S)
 
     def from_rest(values: Array | None) -> Array | None:
-        """Return a row of zeros for the arm at rest, then the rows of the remaining points."""
+        """Return a row of zeros for the arm at rest, then `values` at the remaining points."""
         if values is None:
             return None
         return np.vstack([np.zeros_like(rest), values[first - added :]])

@@ -82,13 +82,13 @@ class TimingMonitor:
         self._limits = limits
 
     def deviation(self, timing: Timing) -> str:
-        """Return a text with both times and the reason if they differ too much, else ''."""
+        """Return a text with both times and the reason if they differ too much, or ''."""
         if not timing.deviates:
             return ''
         return f'took {timing.executed:.3g} s instead of {timing.planned:.3g} s: {self._why}'
 
     def check_factor(self, factor: float, running: Trajectory | None) -> None:
-        """Raise ValueError if the controller cannot execute motions at this speed scaling.
+        """Raise ValueError if the controller cannot execute motions at the speed scaling `factor`.
 
         `running`: the trajectory being executed, or None.
         """

@@ -94,7 +94,7 @@ class Gripper:
                 raise GripperError(f'the outputs of the gripper were not set: {answer.text}')
 
     def _state_after_timeout(self, state: GripperState, opened: bool) -> GripperState:
-        """Return `state` if a closing gripper holds an object. Raises GripperError otherwise."""
+        """Return `state` if the gripper holds an object after closing, else raise GripperError."""
         wiring = self.wiring
         if not self._input_was_on:
             raise GripperError(

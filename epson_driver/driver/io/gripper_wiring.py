@@ -51,5 +51,5 @@ class GripperState:
     closed: bool
 
     def position(self, stroke: float) -> float:
-        """Return the opening, m: the stroke, 0, or half of the stroke if neither input is on."""
+        """Return the opening, m: `stroke` if opened, 0 if closed, else half of `stroke`."""
         return stroke if self.opened else 0.0 if self.closed else stroke / 2

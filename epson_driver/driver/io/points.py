@@ -108,7 +108,7 @@ class Backend(ABC):
 def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange, ...]:
     """Return the I/O points of a profile, for a controller without an I/O server.
 
-    words: include groups of 16 bits. flags: include flags.
+    `words`: include groups of 16 bits. `flags`: include flags.
     """
     ranges = []
     for io_type, count in (

@@ -619,6 +619,7 @@ class Servo:
     ) -> tuple[ServoTarget, Array | float]:
         """Return the target at `now`, and the maximum speed as fractions of the limits.
 
+        The tracker advances by `dt` s in steps of `step` s. `factor`: the speed scaling.
         If the setpoint has a window, the target is ahead of `now` by the arm's lag. The maximum
         speed is `catch_up` times the stream's speed, for each joint separately, so that the arm
         stays approximately on the path of the stream.

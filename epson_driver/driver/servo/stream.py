@@ -136,7 +136,7 @@ class StreamFilter:
         return np.where(speed * self._speed > 0.0, lower, 0.0)
 
     def _add_speed(self, speed: Array, span: float) -> None:
-        """Update the largest abrupt change with a velocity, `span` s after the previous one."""
+        """Update the largest abrupt change with a new `speed`, `span` s after the previous one."""
         change = np.abs(speed - self._speed)
         fastest = np.maximum(np.abs(speed), np.abs(self._speed))
         abrupt = (change > ABRUPT) & (change > ABRUPT_FRACTION * fastest)
@@ -235,7 +235,7 @@ class StreamFilter:
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Fit a line to each column of values of shape (k, n), k ≥ 3.
+    """Fit a line to each column of `values`, shape (k, n), k ≥ 3.
 
     Return the fits in the format of `StreamFilter._fit`, shape (4, n), and whether the residuals
     are noise, shape (n,).
@@ -257,7 +257,7 @@ def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _parabola(times: Array, values: Array) -> Array:
-    """Fit a parabola to each column of values of shape (k, n), or a line if k < 4.
+    """Fit a parabola to each column of `values`, shape (k, n), or a line if k < 4.
 
     Return the fits in the format of `StreamFilter._fit`, shape (4, n).
     """
@@ -335,7 +335,7 @@ class StreamReference:
     """Positions and velocities over time, from one position setpoint or its window.
 
     All values are clipped to the limits. Times are relative to the arrival of the setpoint, s.
-    `estimate`: velocities if the setpoint has neither velocities nor a window, shape (n,).
+    `estimate`: velocities, shape (n,), for a setpoint without velocities and without a window.
     """
 
     def __init__(
@@ -447,7 +447,7 @@ class StreamSpeedEstimator:
         self._path.append(_StreamState(time, position, speed))
 
     def lag(self, time: float, position: Array) -> float:
-        """Return the lag of a commanded position, shape (n,), behind the stream, s."""
+        """Return by how much a commanded position, shape (n,), lags behind the stream, s."""
         path = self._path
         passed = max(self._passed, 0)
         if float(np.abs(path[-1].position - position).max()) <= NEAR:

@@ -23,7 +23,7 @@ class Margins:
 
     * `position`: distance beyond the range, rad or m. An operator can move a joint past its
       software limits, up to the mechanical stops.
-    * `velocity`: factor on the velocity limit.
+    * `velocity`: maximum velocity, as a multiple of the velocity limit.
     """
 
     position: float = 0.1

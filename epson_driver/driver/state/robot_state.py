@@ -147,7 +147,7 @@ class RobotState:
         self.status: Status | None = None
         self.status_time = 0.0
         self.status_measured = 0.0
-        """Time at which the newest status was sent, estimated like `JointSample.measured`."""
+        """Estimated sending time of the newest status plus the network's minimum delay, s."""
         self.arrivals: deque[float] = deque(maxlen=MAX_ARRIVALS)
         """Arrival times of the last joint messages of this connection, the newest last."""
         self.bounded = 0
@@ -172,7 +172,7 @@ class RobotState:
         velocities: tuple[float, ...] | None = None,
         time_stamp: float | None = None,
     ) -> JointSample | None:
-        """Process the ten joint values of a message, and its measured velocities if any.
+        """Process the ten joint values (`data`) of a message, and its measured velocities if any.
 
         `time_stamp`: the controller's time stamp, s, if the message has one. Returns None for the
         first joints of a connection, whose velocity is unknown. Raises ValueError if the values

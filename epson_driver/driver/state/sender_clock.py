@@ -87,7 +87,7 @@ class SenderClock:
         self._first_pause = (0.0, 0.0)
 
     def step(self, arrival: float, reported: float | None = None) -> float:
-        """Process the next message.
+        """Process the next message, which arrived at `arrival`.
 
         `reported`: time since the previous message by the sender's time stamps, s, or None.
         Returns the length of a sender pause that was detected just now, s, else 0. The messages
