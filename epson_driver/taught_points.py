@@ -7,7 +7,7 @@ it preserves every byte. A .yaml file has X Y Z U V W, mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 
-A .csv file has the columns of `COLUMNS`: all that a .pts file has of its points, in its encoding.
+A .csv file has the columns of `COLUMNS`: all data of the points in a .pts file, in Latin-1.
 """
 
 import codecs
@@ -207,7 +207,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
     """Return the tool's point and the arm's posture for joint positions, shape (n,).
 
-    A text with the reason takes the place of an unknown posture.
+    If the posture is unknown, a text with the reason is returned in its place.
     """
     point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
     try:
@@ -355,7 +355,7 @@ class TaughtPoints:
         write_file(file, self.content(file.suffix.lower()))
 
     def content(self, suffix: str) -> bytes:
-        """Return the content of a .pts, .csv or .yaml file. Raises InputError like `save`."""
+        """Return the content of a file with this `suffix`. Raises InputError as `save` does."""
         if suffix == '.pts':
             return self._pts()
         if suffix == '.csv':
@@ -368,7 +368,7 @@ class TaughtPoints:
         return ''.join(map(_yaml_line, self._points.values())).encode()
 
     def table(self) -> Iterator[tuple[str, ...]]:
-        """Yield number, label, X to W, flags as in SPEL+ and description of each point.
+        """Yield for each point: number, label, X to W, flags as in SPEL+, and description.
 
         Raises InputError if a point has no posture, as in a .yaml file.
         """

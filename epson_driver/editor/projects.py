@@ -27,7 +27,7 @@ class RenameError(Exception):
 
 
 class Project:
-    """The files of one project. `opened` replaces the files that an editor has open."""
+    """The files of one project. `opened`: the texts of those that an editor has open."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -36,7 +36,7 @@ class Project:
         self.texts: dict[str, str] = {}
         self.opened: dict[str, str] = {}
         self.revision = 0
-        """Counts the changes, so that the results of an old check are recognised."""
+        """Number of changes. It shows whether the results of a check are stale."""
         self.read()
 
     def read(self) -> None:

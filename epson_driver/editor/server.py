@@ -114,7 +114,7 @@ class SpelServer(LanguageServer):
         return None if found is None else (project, *found)
 
     def check_soon(self, project: Project) -> None:
-        """Check a project when nothing has changed for a while."""
+        """Check a project when nothing has changed for DEBOUNCE seconds."""
         task = self._checks.get(project.path)
         if task is None or task.done():
             task = asyncio.get_running_loop().create_task(self._check(project))
@@ -144,7 +144,7 @@ class SpelServer(LanguageServer):
         self._publish(project, problems)
 
     def _publish(self, project: Project, problems: Mapping[str, list[Problem]]) -> None:
-        """Send the problems of all files that are open, have some, or had some before."""
+        """Send the problems of each file that is open, or has problems, or had some before."""
         before = self._published.get(project.path, set())
         now = self._published[project.path] = {name for name in problems if problems[name]}
         for name in {*before, *now, *project.opened}:
@@ -179,7 +179,7 @@ server = SpelServer()
 
 @server.feature(lsp.INITIALIZE)
 def initialize(ls: SpelServer, parameters: lsp.InitializeParams) -> None:
-    """Learn the workspace folders and the option `version`: 6, 7 or 8."""
+    """Store the workspace folders and the option `version`: 6, 7 or 8."""
     folders = [folder.uri for folder in parameters.workspace_folders or []]
     if not folders and parameters.root_uri:
         folders = [parameters.root_uri]

@@ -25,7 +25,7 @@ from epson_driver.robots import RobotModel, load_robot_model
 
 HOST = '127.0.0.1'
 PERIOD_S = 0.02
-"""Polling period of the simulated controller, s. Its remote port sends nothing unrequested."""
+"""Polling period, s. The remote port of the controller sends only replies, so it is polled."""
 
 RETRY_S = 0.2
 SESSION_S = 86_400.0

@@ -129,7 +129,7 @@ def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
 
 
 MOTION_SHARE = (0.1, 0.6)
-"""Range of the delay from the first motion to the fault, as a share of the usual duration."""
+"""Range of the delay from first motion to fault, as a fraction of the duration without fault."""
 
 LATEST_BEGIN_S = 2.0
 PERSON_COMES_S = 3.0

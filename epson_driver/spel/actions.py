@@ -138,7 +138,7 @@ def _other(task: Task, which: int | str) -> Task:
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
-    """Execute `Quit`: end the task `which`, if it runs. None: all except background tasks."""
+    """Execute `Quit`: end the task `which`, or all but background tasks if it is None."""
     world = task.world
     if which is not None:
         if (result := world.task(which)) is not None:
@@ -200,7 +200,7 @@ def continue_all(task: Task) -> None:
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:
-    """Execute `Error [task,] n`: raise error n in this task, or in the given one."""
+    """Execute `Error [task,] n`: raise error `first`, or error `second` in the task `first`."""
     if second is None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))

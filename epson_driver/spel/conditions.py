@@ -32,7 +32,7 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
 
 
 def condition(expression: Expression, expressions: Expressions) -> tuple[str, str]:
-    """Compile a condition to Python: lines that run once when it is armed, and the test itself."""
+    """Compile a condition to Python: lines that run once at its statement, and the test itself."""
     before: list[str] = []
     test = _test(expression, expressions, before)
     return ''.join(f'{line}\n' for line in before), test

@@ -285,7 +285,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the Python text of the Reference to a variable that is set, and its type."""
+        """Return the Python text of a Reference to a variable, and the type of the variable."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)

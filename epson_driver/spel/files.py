@@ -196,9 +196,9 @@ class ProgramEnvironment:
     files: Files = field(default_factory=Files)
 
     def fresh(self) -> 'ProgramEnvironment':
-        """Return a copy whose files are the original ones."""
+        """Return a copy without the files that the program has written."""
         return replace(self, files=self.files.fresh())
 
     def new_stubs(self) -> Stubs:
-        """Return the stub answers, starting with the first ones."""
+        """Return `Stubs` that start with the first answer of each key."""
         return Stubs(self.answers)

@@ -21,7 +21,7 @@ MAX_PLACES = 32_767
 
 
 def changed(point: Point, operator: str, axis: str, value: float) -> Point:
-    """Return a point with a coordinate set (`:`) or moved (`+`, `-`), or raise SpelError."""
+    """Return a point with `axis` set (`:`) or moved (`+`, `-`). Raises SpelError if missing."""
     if point.kind != 'xy' or (axis in AXES and AXES.index(axis) >= len(point.values)):
         raise SpelError(ErrorNumber.ARGUMENT, f'the point has no coordinate {axis.upper()}')
     if axis in AXES:
@@ -119,8 +119,8 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
 def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
     """Return the frame given by its origin, a point on X and a point on Y, or by one pose.
 
-    The axis `axis` passes exactly through its point. Raises SpelError, with the statement's
-    `name`, if the points do not define a frame.
+    The axis `axis`, 'x' or 'y', passes exactly through its point. Raises SpelError, with the
+    statement's `name`, if the points do not define a frame.
     """
     if any(point.kind != 'xy' for point in points) or len(points) not in (1, 3):
         raise bad(name, 'takes a place, or an origin and points on X and Y')

@@ -40,7 +40,7 @@ class Completion(Protocol):
 
     @property
     def done(self) -> bool:
-        """Return whether the statement is complete. With `CP`, whether deceleration started."""
+        """Return whether the statement is complete. With `CP`, it is when deceleration starts."""
 
     @property
     def error(self) -> SpelError | None:
@@ -142,7 +142,7 @@ class Bits(Protocol):
         """Return bit (width 1), byte (8) or word (16) `index`. Raises SpelError if none exists."""
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set bit, byte or word `index`. Raises SpelError if missing."""
+        """Set bit, byte or word `index`. Raises SpelError if none exists."""
 
 
 class Robot(Protocol):

@@ -78,7 +78,7 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
 
 
 def statements_in(line: str) -> Iterator[list[tuple[str, str, int]]]:
-    """Yield the statements of a line, which may have errors. `!…!` stays together.
+    """Yield the statements of a line, which may have errors. Parallel ones (`!…!`) stay whole.
 
     A token is its kind, its text in lower case, and its column from 0.
     """

@@ -144,7 +144,7 @@ UNPROVEN = (
 
 
 def unproven(functions: Mapping[str, Function]) -> Iterator[Problem]:
-    """Yield the uses of the forms in `UNPROVEN`."""
+    """Yield a problem for each use of a syntax in `UNPROVEN`."""
     for function in functions.values():
         for node in function.nodes:
             for form in UNPROVEN:
@@ -271,7 +271,7 @@ def _outside(name: str, place: int, number: Expression | None, key: str = '') ->
 
 
 def literals(program: Program) -> Iterator[Problem]:
-    """Yield numbers out of range, divisors of 0, and indices beyond an array."""
+    """Yield a problem for numbers out of range, divisions by 0, and indices beyond an array."""
     for function, bounds in _arrays(program):
         for node in function.nodes:
             if isinstance(node, Command):
@@ -313,7 +313,7 @@ def literals(program: Program) -> Iterator[Problem]:
 
 
 def _device(port: Expression | None) -> Iterator[Problem]:
-    """Yield a problem if a port is not of a display, serial line, file, network or database."""
+    """Yield a problem if no display, serial line, file, network or database has its number."""
     value = _number(port)
     known = ((0, 24), FILES, PORTS, (501, 508), (1001, 1008))
     if value is not None and port is not None and not any(a <= value <= b for a, b in known):

@@ -97,7 +97,7 @@ def close_net(task: Task, number: float | None) -> None:
 
 
 def wait_net(task: Task, number: float, time: float | None = None) -> None:
-    """Execute `WaitNet #n[, time]`: wait for a peer, at most for `time`, s. Set TW on timeout."""
+    """Execute `WaitNet #n[, time]`: wait up to `time` s for a peer. TW is True on timeout."""
     index = nearest(number)
     _opened(task, 'WaitNet', index)
     network = task.world.host.network

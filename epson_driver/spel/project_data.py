@@ -157,9 +157,9 @@ def encoded(text: str) -> Iterator[bytes]:
 
 
 def resealed(old: str, new: str) -> str:
-    """Return the new text of a file of RC+ with a header that fits, in the old one's encoding.
+    """Return the text `new` of a file of RC+, with its size and checksum in the header.
 
-    A header that did not fit before the change stays as it is.
+    The encoding is that of the text `old`. If the header of `old` is wrong, `new` is unchanged.
     """
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):

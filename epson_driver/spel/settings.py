@@ -69,7 +69,7 @@ class Settings:
 
 
 class Key(NamedTuple):
-    """The rule for the value of a key, or with `item`, the rules for items and their values."""
+    """The rule for the value of a key. If it has items, `item` is the rule for their keys."""
 
     value: Rule
     item: Rule | None = None
@@ -136,8 +136,8 @@ def read_settings(
 ) -> Settings:
     """Return the settings in the spel.yaml of a folder, if any, with overrides KEY[.ITEM]=VALUE.
 
-    `names`: further overrides by key, as plain texts; None has no effect. Raises InputError with
-    the file, the key, the value and what is allowed.
+    `names`: further overrides by key, as plain texts. None has no effect. Raises InputError, with
+    what is allowed, if a key or a value is invalid.
     """
     path = None if folder is None else folder / SETTINGS_FILE
     there = path is not None and (path.exists() or path.is_symlink())
@@ -154,7 +154,7 @@ def read_settings(
 
 
 def file_values(path: Path) -> dict[str, Any]:
-    """Return the values in a settings file by key. Raises InputError."""
+    """Return the values in a settings file by key. Raises InputError if one is invalid."""
     content = read_yaml(path)
     if content is not None and not isinstance(content, dict):
         raise InputError(f'{printable(path)}: must have lines KEY: VALUE, with {_keys()}')

@@ -27,7 +27,7 @@ _JUMPS = frozenset({'goto', 'gosub', 'eresume'})
 _DECLARING = frozenset({*TYPES, 'global', 'static', 'preserve'})
 _POINTS = frozenset(name for name, rule in FUNCTIONS.items() if rule.result == POINT)
 _EVERYWHERE = {'function': 'function', 'global': 'variable'}
-"""Facts about names of the whole project, and the kinds of their symbols."""
+"""Kind in `_facts` → kind of symbol, for names that are visible in the whole project."""
 
 _IO_KINDS = ('input', 'output', 'memory')
 _IO_WIDTHS = {1: 'bit', 8: 'byte', 16: 'word'}

@@ -277,7 +277,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """`D50` in parallel statements: the following ones start after half of the motion."""
+    """`D50` in parallel statements: the next ones start when 50 % of the motion is complete."""
 
     percent: Expression
     at: Position

@@ -229,7 +229,7 @@ class SharedState:
     def add(
         self, number: int, linked: Linked, arguments: Sequence[object], kind: TaskType
     ) -> 'Task':
-        """Start a task. Raises SpelError if its number is in use, or the arguments do not fit."""
+        """Start a task. Raises SpelError if its number is in use, or the arguments are wrong."""
         if number in self.tasks:
             raise SpelError(ErrorNumber.TASK_NUMBER, f'task {number} is running')
         code = linked.code
@@ -347,7 +347,7 @@ class Task:
     call = push
 
     def leave(self) -> None:
-        """Leave a function and pass its value to the caller. The last one ends the task."""
+        """Leave a function and pass its value to the caller. If it has no caller, end the task."""
         left = self.frames.pop()
         if not self.frames:
             self.world.end(self)
@@ -389,7 +389,7 @@ class Task:
         self.outputs.append([])
 
     def reply(self, error: int, into: Reference | None) -> None:
-        """Store the output of `Eval`, or its error number as text, in a variable."""
+        """Store the output of `Eval`, or the text of its `error`, in the variable `into`."""
         text = printed(self.outputs.pop())
         if into is not None:
             container, index, type_name = into

@@ -22,7 +22,7 @@ LONGEST_STRING = 255
 
 
 class Type(NamedTuple):
-    """A declared type: the kind of its values, the range of whole ones, and the initial value."""
+    """A declared type: kind of its values, range if they are whole, and initial value."""
 
     kind: str
     least: int = 0

@@ -35,7 +35,7 @@ ROLE_OF_TYPE = {
     MessageType.IO_WRITE: 'io',
     MessageType.IO_STREAM_SUB: 'io',
 }
-"""Role of a port, by the type of a topic that it sends or of a request that it receives."""
+"""Message type → role of the port that sends it (a topic) or receives it (a request)."""
 
 
 class MessagesError(ValueError):
@@ -64,7 +64,7 @@ class Entry:
     connection: int
     data: bytes = b''
     frame: Frame | None = None
-    """The data as a frame, or None if it is no frame."""
+    """The data as a simple message frame, or None if it is not one."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,9 @@ class Splitter:
         self._broken = False
 
     def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | None]]:
-        """Yield the bytes of each frame, and the frame.
+        """Yield each complete frame with its bytes.
 
-        From an invalid frame on, all bytes are yielded with None.
+        From an invalid frame on, all bytes are yielded with None instead of a frame.
         """
         self._bytes += data
         self._framer.receive_data(data)

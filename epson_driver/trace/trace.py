@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records everything that links send and receive into a pcap file.
+"""Records everything that network connections (`Link`) send and receive into a pcap file.
 
 The event loop creates the packets and a thread writes them, so a slow disk never delays a message.
 The trace ends if the file reaches its maximum size, the disk fails, or the disk is too slow. The
