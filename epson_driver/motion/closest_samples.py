@@ -61,7 +61,7 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
-    """Return `closest_sample_indices`. In a long motion, skip samples at first, then refine."""
+    """Return each waypoint's closest sample. Skip samples of a long motion first, then refine."""
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
     result = closest_sample_indices(waypoints, positions[::stride]) * stride
     if stride == 1:

@@ -56,7 +56,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     """Return the fastest motion found through waypoints, or None if none was found.
 
     waypoints: shape (k, n), k ≥ 3, rad (or m), each different from the previous one. The motion
-    starts and ends at rest exactly at the first and last waypoint. It passes the others within
+    starts and ends at rest exactly at the first and last waypoint. It passes the other ones within
     `tolerance` in every joint. It respects all limits at every instant.
     """
     start = np.zeros((1, waypoints.shape[1]))

@@ -126,7 +126,6 @@ class JointMotion:
 
 
 def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
-    """Return the state a time `t` later, with constant jerk."""
     return (
         p + t * (v + t * (a / 2.0 + t * j / 6.0)),
         v + t * (a + t * j / 2.0),

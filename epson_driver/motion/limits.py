@@ -75,8 +75,8 @@ class JointLimits:
         """Factor from each joint's unit to rad, for comparing joints, shape (n,).
 
         It is 1 for a revolute joint. For a prismatic joint it is the velocity limit of the first
-        revolute joint divided by the joint's own, rad/m, so that moves that take equally long are
-        equal.
+        revolute joint divided by the joint's own, rad/m, so that moves of
+        equal duration have equal lengths.
         """
         revolute = [unit == 'rad' for unit in self.units]
         fastest = self.velocity[revolute.index(True)] if any(revolute) else 1.0

@@ -76,7 +76,7 @@ class Pieces:
 
 
 SPEED_HALVINGS = 20
-"""Number of bisection steps to find the speed for a given duration. Its error is a millionth."""
+"""Number of bisection steps to find the speed for a given duration, with an error of 1e-6."""
 
 
 class LineMotion:

@@ -228,8 +228,9 @@ class SetpointTracker:
         self._execute(motion, final=True)
 
     def land(self, target: Array, margin: float) -> None:
-        """Come to rest at `target`, shape (n,), gently if this passes it by at most `margin`.
+        """Come to rest at `target`, shape (n,).
 
+        The motion is gentle if it then takes at most LANDING_S and overshoots by at most `margin`.
         If no move to the target respects the limits now, the current motion continues.
         """
         rest = np.zeros_like(target)
@@ -380,7 +381,6 @@ class _Joint:
 
 
 def _after(p: float, v: float, a: float, t: float, j: float) -> tuple[float, float, float]:
-    """Return the state a time `t` later, with constant jerk."""
     return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
 

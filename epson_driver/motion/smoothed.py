@@ -32,7 +32,7 @@ MAX_ROUNDS = 40
 """Maximum number of increases of the weights."""
 
 MIN_GROWTH_RATIO = 1.2
-"""A weight increases at least by the square of this factor."""
+"""Square root of the minimum factor by which a weight is increased."""
 
 
 def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
@@ -232,7 +232,7 @@ def _of_samples(
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
     """Return every `parts`-th point of a motion with evenly spaced points.
 
-    If this omits the last point, it is added one period of the result later.
+    The last point is always included, one period of the result after the previous point.
     """
     count = len(trajectory.times)
     chosen = np.arange(0, count + parts - 1, parts)
@@ -278,10 +278,10 @@ def thinned(
 ) -> Trajectory:
     """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
-    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory. Where
-    these are too far apart, points of the motion are added. They are closer where a segment would
-    deviate by more than `deviation`, rad (or m), from the motion in a joint. The last two may also
-    be closer. `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
+    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory and,
+    where these are too far apart, of the motion. Where a segment would deviate by more than
+    `deviation`, rad (or m), from the motion in a joint, the points are closer. The last two may
+    also be closer. `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')

@@ -38,9 +38,9 @@ _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
 class Trajectory:
     """A trajectory of n points of m joints.
 
-    times: time of each point from the start, shape (n,), s, ≥ 0 and strictly increasing.
-    positions: shape (n, m), rad, or m for prismatic joints. velocities, accelerations: the same
-    shape, or None if the plan has none.
+    * times: time of each point from the start, shape (n,), s, ≥ 0 and strictly increasing.
+    * positions: joint positions, shape (n, m), rad, or m for prismatic joints.
+    * velocities, accelerations: shape (n, m), or None if the trajectory has none.
     """
 
     joint_names: tuple[str, ...]

@@ -65,8 +65,8 @@ LIMIT_MARGIN = 1e-6
 joint has no velocity there."""
 
 _EPSILON = 1e-6
-"""Weight of a small penalty on the change of each unknown, which keeps the linear systems of the
-iteration from being singular."""
+"""Weight of a small penalty on changes of the states and jerks, which keeps the linear systems of
+the iteration from being singular."""
 
 _FREE = 1e3
 """Half the width of a row's range, so large that the row has no effect."""

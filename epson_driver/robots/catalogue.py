@@ -129,7 +129,6 @@ def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
 
 
 def _listed(name: str) -> str:
-
     return name.lower().replace('-', '_')
 
 

@@ -25,8 +25,9 @@ SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
 class Chain:
     """Positions and axes of the n joints.
 
-    origins: shape (n, 3), m, each joint in its parent's frame. axes: shape (n, 3), unit vectors,
-    about which (or along which, for a prismatic joint) the joint moves when its position grows.
+    * origins: origin of each joint in its parent's frame, shape (n, 3), m.
+    * axes: unit vectors, shape (n, 3). When its position grows, a joint turns about its axis, or
+      moves along it if prismatic.
     """
 
     origins: Array

@@ -36,7 +36,7 @@ class Solver(Protocol):
     """A closed form for one kind of chain. Poses are poses of tool0 in base_link."""
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return all solutions, regardless of the joint limits, with free joints as in `near`."""
+        """Return all solutions, also beyond the limits. In a singularity, `near` selects one."""
 
     def why_unreachable(self, pose: Array, /) -> str:
         """Return why the orientation of a pose is unreachable, or ''."""
@@ -245,8 +245,8 @@ def conditions(model: RobotModel, joints: Array) -> Array:
     """Return the condition numbers of tool0's Jacobian at joints of shape (k, n), shape (k,).
 
     The condition number is the ratio of the largest to the smallest singular value, inf in a
-    singularity. Like MoveIt's, it mixes m and rad, so it depends on the size of the arm, and each
-    model needs its own thresholds.
+    singularity. As in MoveIt, m and rad are mixed, so the number depends on the size of the arm,
+    and each model needs its own thresholds.
     """
     chain, count = model.chain, len(joints)
     turns = np.broadcast_to(np.eye(3), (count, 3, 3))

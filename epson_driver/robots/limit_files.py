@@ -65,7 +65,7 @@ def urdf_limits(text: str) -> Rows:
 def file_limits(name: str) -> Rows:
     """Return the limits of MoveIt's joint_limits.yaml, or of a robot model of this package.
 
-    name: a path to either, or a model's name. Raises InputError if the file is invalid or missing.
+    name: path of such a file, or a model's name. Raises InputError if it is invalid or missing.
     """
     if name.endswith('.yaml'):
         values = read_yaml(Path(name))

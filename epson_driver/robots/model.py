@@ -143,11 +143,7 @@ class RobotModel:
 
     @cached_property
     def reach(self) -> Array:
-        """Maximum distance that Tool 0 moves per unit of each joint, shape (n,), from the chain.
-
-        It is Tool 0's largest distance from the axis for a revolute joint, m, and 1 for a
-        prismatic one.
-        """
+        """Maximum distance that Tool 0 moves per unit of each joint, shape (n,), m/rad or m/m."""
         limits = self.limits
         strokes = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max))
         return reach(self.chain, self.joint_types, strokes, self.tool0.xyz)

@@ -154,7 +154,7 @@ class OpwSolver:
     def sides(self, joints: Array) -> tuple[float, ...]:
         """Return the wrist's distance in front of joint 1's axis, m, and two bends, rad.
 
-        They are the bends of elbow and wrist, for a hanging arm with the signs of an upright arm.
+        The bends are of elbow and wrist. Their signs are inverted if the arm hangs.
         """
         _, second, third, _, fifth, _ = (self._signs * joints - self._offsets).tolist()
         a1, a2, _, c1, c2, c3, _ = self._lengths.values()

@@ -75,7 +75,7 @@ def srdf(robot_model: str, **arguments: str) -> str:
     """Return the SRDF, MoveIt's semantic description, of a model. Its group is `manipulator`.
 
     `robot_model`: name or path as for `load_robot_model`. `arguments`: arguments of
-    urdf/epson_robot.srdf.xacro. Raises the same errors as `urdf`.
+    urdf/epson_robot.srdf.xacro. Raises the errors of `urdf`.
     """
     return _described('epson_robot.srdf.xacro', robot_model, arguments)
 

@@ -119,7 +119,7 @@ def _parts(
     limits: Sequence[JointLimits],
     checkpoint: Checkpoint,
 ) -> list[_Part]:
-    """Return the moves, and a blend between each two of them. Raises BlendError if none fits."""
+    """Return the moves, and a blend between each two. Raises BlendError if one does not fit."""
     steps = [last - first for first, last in pairwise(corners)]
     sizes = [
         float(np.max(np.abs(step) / maximum.velocity))
@@ -171,7 +171,7 @@ def _fraction_within(
 ) -> float:
     """Return the first fraction of a move from a corner at which the tool is `radius` m away.
 
-    step: joint displacement of the move, shape (n,). index: index of the corner. Raises BlendError
+    step: joint displacement of the move, shape (n,). index: index of the move. Raises BlendError
     with this index if the tool is never that far away.
     """
     count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_SAMPLES, MAX_SAMPLES))
@@ -211,7 +211,7 @@ def _blend(
     * rates: joint velocities at full speed before and after the corner.
     * extent: maximum extent, s. It is reduced until the tool stays within `radius`, m, of the
       corner.
-    * index: index of the corner. Raises BlendError with it if no extent is small enough.
+    * index: index of the move before the corner, for the BlendError if no extent is small enough.
     """
     (origin,) = positions(corner[None, :])
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1)

@@ -64,7 +64,6 @@ class Curve:
         )
 
     def _slope(self, index: int) -> Array:
-        """Return the first derivative at a sample other than the last."""
         mean = (self.samples[index + 1] - self.samples[index]) / self._step
         seconds = 2.0 * self._second[index] + self._second[index + 1]
         return np.asarray(mean - self._step * seconds / 6.0)

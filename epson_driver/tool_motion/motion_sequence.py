@@ -64,7 +64,7 @@ class Primitive:
 
 @dataclass(frozen=True, eq=False)
 class PlannedSequence:
-    """A trajectory from rest to rest, with k motions. ends: end time of each, shape (k,), s."""
+    """A trajectory from rest to rest, with k motions. ends: end time of each one, (k,), s."""
 
     trajectory: Trajectory
     ends: Array
@@ -85,9 +85,10 @@ def plan_sequence(
 ) -> PlannedSequence:
     """Return the trajectory of all motions, from rest at the joint positions `start`, shape (n,).
 
-    sampled: if False, a single joint move is returned as its end point only. checkpoint:
-    called often, because a motion may take seconds to plan. It may raise to cancel. Raises
-    SequenceError if a motion cannot be executed.
+    * sampled: if False, a single joint move is returned as its end point only.
+    * checkpoint: called often, because a motion may take seconds to plan. It may raise to cancel.
+
+    Raises SequenceError if a motion cannot be executed.
     """
     groups = list(_groups(primitives))
     timed_runs: list[TimedRun] = []

@@ -37,8 +37,8 @@ LATE_END_SHARE = 0.02
 """Tolerated delay at the end, as a fraction of the remaining time."""
 
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
-"""A plan is later than the speed profile, which ignores jerk. The estimated delay after a start
-from rest, and the additional delay at the end, as fractions of acceleration limit / jerk limit."""
+"""Estimated delays of a plan relative to the speed profile, which ignores jerk: after a start from
+rest, and in addition at the end. The unit is acceleration limit / jerk limit."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
 """The speed ratio is at most 1 + delay / FULL_CATCH_UP_DELAY_S · (CATCH_UP_RATIO - 1), where the
@@ -79,7 +79,6 @@ def within_horizon(
 
 
 def _ratio(request: Request) -> float:
-    """Return CATCH_UP_RATIO, or the request's maximum ratio if it is lower."""
     return min(CATCH_UP_RATIO, request.catch_up)
 
 
@@ -140,7 +139,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return the estimated times, s, at which a plan reaches `places` (u). The last is its end."""
+    """Return the estimated times, s, at which a plan passes u = `places`. The last is its end."""
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
     if request.state[1] == 0.0:

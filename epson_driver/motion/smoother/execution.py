@@ -48,7 +48,7 @@ class Execution:
         self.held = False
         """Whether the arm must rest on the path until `Smoother.resume`."""
         self.clock_start: float | None = None
-        """Time that corresponds to 0 in the points' commanded times, s, or None if none apply."""
+        """Time at which the points' commanded times are 0, s, or None if the next plan sets it."""
 
     @property
     def motion(self) -> Motion:

@@ -66,7 +66,7 @@ LONGER_RATIO = 10.0
 """Maximum ratio of the expected length of the next segment to the longest known segment."""
 
 _FREE, _LEVEL, _TURNING = 0, 1, 2
-"""State of a joint at a knot. _FREE: its derivatives are those of the spline. _LEVEL: its slope is
+"""State of a joint at a knot. _FREE: the spline sets its derivatives. _LEVEL: its slope is
 0. _TURNING: its slope is 0, and it has just enough curvature away from the limit to keep the
 adjacent segments within the range."""
 

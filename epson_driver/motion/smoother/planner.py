@@ -59,7 +59,7 @@ def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
 
 
 def _until(path: Path, start: float, end: float) -> Path:
-    """Return the path from the segment of u = `start` to u = `end` or to a knot just before."""
+    """Return the path from the segment at u = `start` to u = `end` or a knot just before it."""
     knots = path.knots
     first, last = path.segment(start), path.segment(end)
     part = (end - knots.u[last]) / (knots.u[last + 1] - knots.u[last])

@@ -33,7 +33,7 @@ class Request:
     state: State
     """Path parameter u at the start, and its derivatives u̇ and ü."""
     knots: Knots
-    """First knots of the path: those of the current path around `state`, or one knot at rest."""
+    """First knots of the path: the current path's knots around `state`, or one knot at rest."""
     current_knots: Knots | None
     """All knots of the current path from the last one before `state`. None at rest, and if the
     current path includes points beyond this request."""
@@ -122,7 +122,7 @@ VERIFICATION_US, PIECE_US = 600, 2.5
 """Effort of the verification of a timing, and of each of its pieces, µs."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""Effort of a path with its speed bounds, and of a round of steps without these steps, µs."""
+"""Effort of a path with its speed bounds, and fixed effort of a round of Newton steps, µs."""
 
 
 @dataclass(slots=True)

@@ -45,8 +45,8 @@ def propose(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move with the highest mean speed, or None if none was found.
 
     The move may end before the end of the path. If all moves are slow, a start from rest uses the
-    shortest one. In motion the result is then None, because the current plan ends soon and a start
-    from rest has more options.
+    shortest one. If the arm already moves, the result is None in this case, because the current
+    plan ends soon and a start from rest has more options.
     """
     limits = problem.limits
     unit = float(
@@ -135,7 +135,7 @@ def stop(problem: Problem) -> TimeParametrisation | None:
 def gentle_stop(
     start: State, path: Path, limits: JointLimits, hardness: float = 0.5
 ) -> TimeParametrisation | None:
-    """Return a stop that is not verified, or None.
+    """Return a stop on the path that is not verified, or None if none was found.
 
     hardness: fraction of the acceleration and jerk that the path's slope at the start allows.
     """
@@ -151,7 +151,7 @@ def gentle_stop(
 def move(
     start: State, end: float, velocity: float, acceleration: float, jerk: float
 ) -> TimeParametrisation | None:
-    """Return the fastest move to rest at u = `end`, or None. The bounds are of u̇, ü and u⃛."""
+    """Return the fastest move to rest at u = `end` within bounds of u̇, ü and u⃛, or None."""
     inp = InputParameter(1)
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
         [value] for value in start
@@ -166,7 +166,7 @@ def move(
 
 
 def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation | None:
-    """Return the fastest stop, or None. The bounds are of ü and u⃛."""
+    """Return the fastest stop within bounds of ü and u⃛, or None if none was found."""
     inp = InputParameter(1)
     inp.control_interface = ControlInterface.Velocity
     inp.current_position, inp.current_velocity, inp.current_acceleration = (

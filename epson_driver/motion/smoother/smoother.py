@@ -35,7 +35,7 @@ class Smoother:
       and `planner_error` is the last one.
 
     `catch_up`: approximate maximum ratio to the commanded speed at which a late motion makes up
-    time. With 1 it stays late. `observer` is called with every new motion.
+    time. With 1, it stays late. `observer` is called with every new motion.
 
     Raises ValueError if `position` is invalid or outside the limits, or `catch_up` is below 1.
     """
@@ -88,7 +88,7 @@ class Smoother:
 
         A moving arm moves in joint space to the first of them, where it rests for an instant. If
         this is impossible, or the arm is `held`, it stops first. Raises ValueError, and changes
-        nothing, if a number is invalid or outside the position limits.
+        nothing, if an argument is invalid or a point is outside the position limits.
         """
         times = [None] * len(points) if durations is None else durations
         if len(times) != len(points):
@@ -111,7 +111,7 @@ class Smoother:
     def change_limits(self, limits: JointLimits) -> None:
         """Replace the limits. The points remain.
 
-        The position limits must be the same. Raises RuntimeError unless the arm is `at_rest`.
+        The position limits may not change. Raises RuntimeError unless the arm is `at_rest`.
         """
         if not self.at_rest:
             raise RuntimeError('the limits of a motion cannot change: only at rest')
