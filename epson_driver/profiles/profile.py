@@ -265,8 +265,8 @@ def load_controller_profile(name: str) -> ControllerProfile:
     EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted.
 
     A profile with `like: OTHER` contains only its differences from OTHER, which is a profile name
-    or a .yaml file in the same folder. Raises InputError, which lists the profiles, similar names
-    first, if a profile does not exist, or if one is invalid.
+    or a .yaml file in the same folder. Raises InputError if a profile is invalid, or if it does
+    not exist. Then the error lists the existing profiles, similar names first.
     """
     path = _path(name, Path())
     values = checked(_read(path), printable(path))

@@ -268,10 +268,10 @@ class ClientConnections:
     def connect(self, port: str, client: Client) -> ClientConnection:
         """Start to serve a client of `port`: motion, state, io or remote.
 
-        The connection's `closed` must be called when it ends for any reason. A remote client above
-        the maximum replaces another one, so an E-stop command always gets through. A client of
-        another machine is refused instead if all clients are local. Raises ConnectionRefusedError,
-        with the reason, if the client is refused.
+        The connection's `closed` must be called when it ends for any reason. If the remote port is
+        full, a new client replaces another one, so an E-stop command always gets through. If all
+        its clients are on this machine, a client on another machine is refused instead. Raises
+        ConnectionRefusedError, with the reason, if the client is refused.
         """
         reason = self._rejection(port)
         if reason is None and port == 'remote':

@@ -173,7 +173,7 @@ class IoPoints:
             raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
 
     def read_range(self, io_type: int, start: int, count: int) -> tuple[int, ...]:
-        """Return the values of a range for which `check_range` does not raise."""
+        """Return the values of a range. Requires that `check_range` accepts the range."""
         known = IoType(io_type)
         if _KINDS[known].bits is None:
             return tuple(self._values[known][start : start + count])

@@ -133,10 +133,10 @@ ROUNDING_S = 1e-9
 class PointQueue:
     """Supplies points to the arm in order, and triggers the replies.
 
-    `answered` is called with a completed entry. `failed` is called with an entry that has a
-    rejection, when the arm has come to rest at the previous point and before the entry is removed.
-    If the profile has `program.late_failure`, such an entry is first passed to `answered`, then
-    removed, then passed to `failed`, while the arm continues to the earlier points.
+    `answered` is called with a completed entry. An entry with a rejection waits until the arm is
+    at rest at the previous point. Then `failed` is called with it, before it is removed.
+    If the profile has `program.late_failure`, an entry with a rejection is first passed to
+    `answered`, then removed, then passed to `failed`, while the arm continues to earlier points.
 
     The controller is notified of a trajectory before the arm accepts its first point. This point
     is skipped if each joint is within `program.skip_first`, rad or m, of its current position. Any

@@ -42,7 +42,7 @@ TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
 
 
 class JointLeg:
-    """A straight line in joint space between two positions, shape (n,), rad, possibly equal."""
+    """A straight line in joint space between two positions, shape (n,), rad. They may be equal."""
 
     length = 0.0
 
@@ -90,8 +90,8 @@ class JointLeg:
 class StraightLeg:
     """A line or an arc of the tool to the point `target`.
 
-    `samples` are joint positions along `path`, shape (k, n), rad. `turning`: SpeedR and AccelR
-    limit the motion, instead of SpeedS and AccelS.
+    `samples` are joint positions along `path`, shape (k, n), rad. `turning`: whether SpeedR and
+    AccelR limit the motion, instead of SpeedS and AccelS.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ class RobotMotion:
     """Executes motion statements with the arm, and calls `news` at the end of each one.
 
     The conditions of Till and Find are evaluated every `scan` s. `acquire_arm` must be called
-    before a motion. It acquires the arm, or raises SpelError.
+    before a motion, to get control of the arm. It may raise SpelError.
     """
 
     def __init__(

@@ -78,9 +78,11 @@ class SpelProgram:
     The function main is started at boot and by an operator, BgMain at boot. An operator's start
     clears the global variables unless the program has a BgMain, which may share them.
 
-    Without a `terminal` the output is logged. `acquire_arm` is called before a motion. It acquires
-    the arm, or raises SpelError. `starts`: the function that is started instead of main. BgMain is
-    then not started. Raises ProgramError if the program has statements that are not simulated.
+    * `terminal`: terminal of the program (None: the output is logged).
+    * `acquire_arm`: called before a motion to get control of the arm. May raise SpelError.
+    * `starts`: function to start instead of main. If it is not main, BgMain is not started.
+
+    Raises ProgramError if the program has statements that are not simulated.
     """
 
     def __init__(
