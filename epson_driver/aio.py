@@ -257,7 +257,7 @@ class Robot(Motions, Streams):
         """Register a callback for the link state and the reason of its change. See `on_estop`.
 
         States: disconnected, connecting, connected, backing_off (waiting for the next attempt). If
-        the two links differ, the state is the worse one.
+        the motion and the state link differ, the state is the worse one.
         """
         return self._connection.changes.link.add(callback)
 

@@ -141,9 +141,13 @@ class Arm(Unique):
     ) -> None:
         """Set the payload (tool and part) that is sent to the controller from the next motion on.
 
-        The arguments match geometry_msgs/Inertia in the flange (tool0). mass: kg. center: center
-        of mass, shape (3,), m. inertia: about the center of mass, kg m², as ixx ixy ixz iyy iyz
-        izz or a matrix, shape (3, 3). The SPEL+ settings Weight and Inertia are derived from them.
+        The arguments match geometry_msgs/Inertia in the flange (tool0). The SPEL+ settings Weight
+        and Inertia are derived from them.
+
+        * mass: kg.
+        * center: center of mass, shape (3,), m.
+        * inertia: about the center of mass, kg m²: ixx ixy ixz iyy iyz izz, or a (3, 3) matrix.
+
         Raises ArgumentError if an argument is invalid, RobotError if the controller's program sets
         the payload.
         """

@@ -361,10 +361,11 @@ class Connection:
     ) -> Motion:
         """Start a motion. With `wait`, wait until it ends, and stop it if the task is cancelled.
 
-        path: the path for checking the tool's accuracy, see Motion. move: builds the SPEL+
-        statement for a controller that accepts no points, or None if the motion has no such
-        statement. Raises MotionError if the motion was canceled during planning, is rejected, or
-        fails.
+        * path: for checking the tool's accuracy (see CheckedPath).
+        * move: builds the SPEL+ statement for a controller that accepts no points. None: the
+          motion cannot be a statement.
+
+        Raises MotionError if the motion was canceled during planning, is rejected, or fails.
         """
         driver = self.running
         sample, statement = driver.robot.sample, None

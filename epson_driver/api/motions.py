@@ -105,8 +105,10 @@ class Motions(Arm):
     ) -> Motion:
         """Execute a planned trajectory unchanged, starting at the current position.
 
-        times: shape (k,), s from the start, strictly increasing. positions, velocities: shape
-        (k, n), rad and rad/s (m, m/s), in the order of joint_names (default: the model's).
+        * times: shape (k,), s from the start, strictly increasing.
+        * positions, velocities: shape (k, n), rad and rad/s (m, m/s).
+        * joint_names: the order of the joints. None: the order of the model.
+
         docs/goals.md lists the requirements on a trajectory. Raises the exceptions of
         `move_joints`.
         """
@@ -137,10 +139,11 @@ class Motions(Arm):
     ) -> Motion:
         """Move to the start of a recording, straight in joint space, then replay it.
 
-        recording: a Recording, which is stopped if it is running, or the path of a file. speed:
-        fraction of the recorded speed, 0.01 to 1. The time at rest before the first motion is
-        skipped, later rests are replayed. Raises OSError if the file cannot be read, and the
-        exceptions of `move_trajectory`.
+        * recording: a Recording, which is stopped if it is running, or the path of a file.
+        * speed: fraction of the recorded speed, 0.01 to 1.
+
+        The time at rest before the first motion is skipped, later rests are replayed. Raises
+        OSError if the file cannot be read, and the exceptions of `move_trajectory`.
         """
         SPEED.checked(speed, 'speed')
         if not isinstance(recording, Recording):

@@ -97,10 +97,11 @@ class Streams(Arm):
     def servo_speed(self, velocity: 'npt.ArrayLike', *, frame: str = BASE_LINK) -> None:
         """Send a setpoint of a stream (see `servo`): a velocity of the tool, shape (6,).
 
-        velocity: along x y z, m/s, and about x y z, rad/s. frame: axes of the velocity,
-        'base_link' or 'tool' (the current tool frame). The tool is slower where a joint would be
-        too fast. Raises PathError if the tool cannot move in this direction, and the exceptions of
-        `servo`.
+        * velocity: along x y z, m/s, and about x y z, rad/s.
+        * frame: axes of the velocity, 'base_link' or 'tool' (the current tool frame).
+
+        The tool is slower where a joint would be too fast. Raises PathError if the tool cannot
+        move in this direction, and the exceptions of `servo`.
         """
         arm = self._hand[1]
         with self._received() as servo:

@@ -65,10 +65,7 @@ def main() -> int:
 
 
 def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
-    """Return the trajectories in the files by name, by default those of this package.
-
-    Raises InputError or OSError if a file is unusable.
-    """
+    """Return the trajectories in the files by name, by default those of this package."""
     paths = files or sorted(share_path('config', 'trajectories').glob('*.yaml'))
     return {path.stem: read_trajectory(path) for path in paths}
 

@@ -159,7 +159,7 @@ def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
 
 
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
-    """Return the option's port, or else the profile's, or, if that is 0, the default."""
+    """Return the port of the option, else of the profile if it has one, else the default."""
     requested: int | None = getattr(args, f'{name}_port')
     if requested is not None:
         return requested

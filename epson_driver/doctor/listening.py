@@ -41,7 +41,7 @@ LOST = (os.strerror(errno.ETIMEDOUT), os.strerror(errno.EHOSTUNREACH))
 
 
 MakeLink = Callable[..., Link]
-"""Creates a link from host and port, and the callbacks on_packet and on_state."""
+"""Creates a link (TCP client) from host, port, and the callbacks on_packet and on_state."""
 
 SIMPLE_MESSAGE: MakeLink = partial(Link, 'doctor', quiet=True)
 

@@ -22,7 +22,7 @@ MIN_JOG = 0.004
 """Minimum motion of a jogged joint, rad or m: a quarter of a degree, 4 mm."""
 
 OTHERS_SHARE = 0.2
-"""Maximum motion of another joint, as a share of the jogged joint's. Axes may be coupled."""
+"""Maximum motion of another joint, as a fraction of the jogged joint's. Axes may be coupled."""
 
 POSITION_TOLERANCE_M = 0.001
 ANGLE_TOLERANCE_RAD = math.radians(0.2)

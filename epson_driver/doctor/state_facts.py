@@ -27,10 +27,10 @@ MIN_STATUSES = 3
 """Minimum number of joint states and of STATUS messages for deriving facts."""
 
 TOGETHER_SHARE = 0.3
-"""A STATUS belongs to the cycle of a joint state that is at most this share of a period older."""
+"""A STATUS up to this fraction of a period after a joint state belongs to the same cycle."""
 
 UNEVEN_SHARE = 0.25
-"""Maximum uncertainty of a measured period, as a share of it. Beyond it, the period is omitted."""
+"""Maximum uncertainty of a measured period, as a fraction of it. A worse period is omitted."""
 
 
 def state_facts(traffic: ReceivedTraffic) -> Facts:
@@ -64,7 +64,7 @@ def is_joints(packet: Packet) -> bool:
 
 
 def latest_joints(traffic: ReceivedTraffic) -> tuple[float, ...] | None:
-    """Return the ten joint values received last, rad or m, or None."""
+    """Return the newest ten joint values, rad or m, or None if none were received."""
     for _, packet in reversed(traffic.packets):
         if isinstance(packet.message, JointPosition):
             return packet.message.joints

@@ -152,7 +152,7 @@ Do = Callable[[FirstRun], Awaitable[StepResult]]
 
 @dataclass(frozen=True)
 class Step:
-    """One step. `says`: its explanation. `moves`: whether it moves the arm."""
+    """One step: `says` explains it, `do` executes it. `moves`: whether it moves the arm."""
 
     name: str
     says: str

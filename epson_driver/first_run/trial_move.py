@@ -97,7 +97,7 @@ class TrialMove:
 
     @property
     def end(self) -> float:
-        """Time when the arm came to rest. It is interpolated like `start`."""
+        """Time when the arm came to rest, interpolated as in `start`."""
         away = np.cbrt(np.abs(self.positions - self.positions[-1]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size or not self.measured:

@@ -44,7 +44,8 @@ EMPTY = FollowJointTrajectory.Goal()
 class GoalRequests:
     """Converts FollowJointTrajectory requests to goals, using the current parameters.
 
-    `clock`: the node's ROS clock. `loop_time`: returns the time of the driver's event loop, s.
+    * clock: the node's ROS clock.
+    * loop_time: returns the time of the driver's event loop, s.
     """
 
     def __init__(self, setup: Setup, clock: Clock, loop_time: Callable[[], float]) -> None:

@@ -24,7 +24,7 @@ MAX_POSITION = 1e6
 
 
 class Joint(NamedTuple):
-    """State of a joint. `received`: monotonic time, s, of receipt. `stamp`: the message's, s."""
+    """State of a joint. `received`: monotonic time of arrival, s. `stamp`: the message's, s."""
 
     received: float
     stamp: float

@@ -283,11 +283,7 @@ class MotionPrimitives:
         return self._queue.ready_sample(now).positions
 
     async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
-        """Plan a sequence from the current position, in a thread.
-
-        Cancelling `plan` interrupts it. Raises GoalRejectedError if no motion may start now, or
-        the sequence cannot be executed.
-        """
+        """Plan a sequence from the current position in a thread, which `plan` can interrupt."""
         start = await self.start_positions(plan)
         try:
             return await plan.in_thread(

@@ -236,10 +236,7 @@ def udp_by_default() -> Iterator[None]:
 
 
 def _peer(name: str) -> str:
-    """Return the locator of a host, as XML.
-
-    Raises ValueError if its name cannot be resolved, because Fast DDS would drop the profile.
-    """
+    """Return the locator of a host, as XML. Raises ValueError if its name is not resolved."""
     try:
         return f'<locator><udpv4><address>{gethostbyname(name)}</address></udpv4></locator>'
     except (OSError, UnicodeError) as error:

@@ -232,8 +232,9 @@ class SentMotion:
     def update(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
         """Process feedback.
 
-        `stamp`: its time, ns on the downstream driver's clock. `passed`: time since the start of
-        the motion, ns. `desired`: commanded positions of the joints `names`.
+        * stamp: time of the feedback, ns on the downstream driver's clock.
+        * passed: time since the start of the motion, ns.
+        * desired: commanded positions of the joints `names`, rad or m.
         """
         limits, start = self.goal.limits, stamp - passed
         if {*names} != {*limits.names} or len(names) != len(desired):
@@ -528,10 +529,7 @@ class SmoothGoals:
         return f'{how}, {await self._wait_for_rest(sent_motion.goal) or "the arm is at rest"}'
 
     async def _braked(self, sent_motion: SentMotion, sent: Sent) -> str | None:
-        """Stop the arm with a second trajectory and return a clause about it.
-
-        Return None if this is impossible, or if the trajectory is rejected.
-        """
+        """Stop the arm with a second trajectory. Return a clause about it, or None on failure."""
         if not self._brakes:
             return None
         with suppress(TimeoutError):  # the motion may have just started

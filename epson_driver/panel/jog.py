@@ -77,8 +77,9 @@ class Jog:
     def velocities(self, joints: Array, axis: str, frame: str, fraction: float) -> Array:
         """Return the joint velocities of a jog, shape (n,), rad/s or m/s.
 
-        `axis`: the number of a joint from 1, or one of TOOL_AXES. `frame`: WORLD or TOOL, the
-        frame of a tool axis. `fraction`: fraction of full speed, -1 … 1.
+        * axis: the number of a joint from 1, or one of TOOL_AXES.
+        * frame: WORLD or TOOL, the frame of a tool axis.
+        * fraction: fraction of full speed, -1 … 1.
         """
         limits = self.model.limits
         if (index := self._joint(axis)) is not None:
@@ -96,8 +97,9 @@ class Jog:
     ) -> Trajectory:
         """Return the trajectory of a step of a joint, or of the tool on a straight line.
 
-        `axis`, `frame`: as in `velocities`. `size`: the displacement, rad or m. `fraction`:
-        fraction of full speed, (0, 1].
+        * axis, frame: as in `velocities`.
+        * size: the displacement, rad or m.
+        * fraction: fraction of full speed, (0, 1].
         """
         index = self._joint(axis)
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'

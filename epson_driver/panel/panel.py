@@ -50,13 +50,13 @@ PENDANT_PART = text_of(
         'faults': list(FAULTS),
     }
 )
-"""The buttons of the simulated pendant, and those of them that need a login."""
+"""The buttons of the simulated pendant, and the subset that needs a login."""
 
 _log = logging.getLogger(__name__)
 
 
 class Panel:
-    """The whole panel. `run` runs in one thread. `stop` and `fail` may be called in any.
+    """The whole panel. `run` runs in one thread. `stop` and `fail` may be called in any thread.
 
     `names`: the drivers' nodes, or None for all drivers that are found. Raises WebServerError if
     the page cannot be served, and the exceptions of rclpy.init.

@@ -75,7 +75,7 @@ class IoRange:
 
 @dataclass(frozen=True)
 class Event:
-    """A log line. `time`: s since the epoch. `level`: as in rcl_interfaces/Log."""
+    """A log line at `time`, s since 1970. `level`: as in rcl_interfaces/Log."""
 
     time: float
     level: int

@@ -54,7 +54,7 @@ from epson_driver.panel.robot_state import (
 )
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort, so that the driver neither waits for the panel nor repeats messages for it."""
+"""Best effort: the driver does not wait for the panel, and repeats no messages for it."""
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -127,10 +127,7 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
 
 
 def _size(path: Path) -> int:
-    """Return the size of a bag on the disk, bytes.
-
-    Raises InputError if one of its files is not a regular file, or if metadata.yaml is invalid.
-    """
+    """Return the size of a bag on the disk, bytes. Raises InputError if a file is unusable."""
     files = [item for item in path.iterdir() if not item.is_dir()] if path.is_dir() else [path]
     if (described := path / 'metadata.yaml') in files:
         read_yaml(described, largest=10 * MEGABYTE)

@@ -25,7 +25,7 @@ LATE_PERIODS = 5.0
 """A joint state is very late after an interval of more than this multiple of the median."""
 
 UNLIKELY_SHARE = 0.3
-"""A velocity that differs from the fit to many samples by more than this share is replaced."""
+"""Relative deviation from a fit to many samples above which the fit replaces a velocity."""
 
 SHORTEST_SHARE = 0.9
 """Minimum interval at which joint states are sent, as a fraction of the median interval."""
@@ -37,11 +37,12 @@ CHUNK = 20_000
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations from estimated sending times, shape (k, m) each.
 
-    `sent`, `came`: sending and arrival times, s, shape (k,). `positions`: shape (k, m). A
-    controller sends periodically, so joint states that arrive in a burst were delayed in transit.
-    Around a very late joint state, the sending times are uncertain. A velocity there that deviates
-    strongly from a fit by arrival times to MAX_NEIGHBOURS samples on either side is replaced by
-    the fit, with its acceleration.
+    `sent`, `came`: sending and arrival times, s, shape (k,). `positions`: shape (k, m).
+
+    A controller sends periodically, so joint states that arrive in a burst were delayed in
+    transit. Around a very late joint state, the sending times are uncertain. There, a fit
+    to the arrivals of MAX_NEIGHBOURS samples on either side replaces velocities that deviate
+    strongly from it, and their accelerations.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)

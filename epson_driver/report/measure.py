@@ -23,7 +23,7 @@ joint states is assumed to be straight, which causes an error of 1 mrad if they 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Joint states in order of arrival. `times`: s, shape (k,). The other arrays: shape (k, n)."""
+    """Joint states in order of arrival: times, s, shape (k,), and other arrays, shape (k, n)."""
 
     times: Array
     positions: Array
@@ -119,10 +119,7 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return the distance of the path from each waypoint, rad, and the time of passing it, s.
-
-    Both have shape (n,).
-    """
+    """Return distance of the path from each waypoint, rad, and time of passing it, shape (n,)."""
     samples = closest_sample_indices(trajectory.positions, run.positions)
     distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
     fraction = np.linspace(0.0, 1.0, 41)[:, None]

@@ -84,7 +84,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A request with a reply. `time`: when it was sent, s. `latency`: time until the reply, s."""
+    """A request that was sent at `time`, s, and whose reply came `latency` s later."""
 
     time: float
     latency: float
@@ -138,9 +138,10 @@ MIN_MESSAGES = 20
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """The arrival of a state message. `time`: s. `joints`: whether it has valid joints.
+    """The arrival of a state message at `time`, s.
 
-    `stamp`: the controller's own time stamp, s, or None.
+    * joints: whether the message has valid joints.
+    * stamp: the controller's own time stamp, s, or None.
     """
 
     time: float

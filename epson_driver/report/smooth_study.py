@@ -32,7 +32,7 @@ REST_VELOCITY_SHARE = 1e-3
 """Fraction of its velocity limit below which a joint is at rest."""
 
 TURNING_ACCELERATION_SHARE = 0.05
-"""A joint without speed is reversing, not stopped, above this share of its acceleration limit."""
+"""Fraction of its acceleration limit above which a joint at zero speed reverses, not stops."""
 
 RESTING_COMMAND_SHARE = 2e-3
 """Fraction of the velocity limit up to which a commanded speed counts as rest."""
@@ -150,9 +150,11 @@ def column(
 ) -> Column:
     """Return the column of a motion, with its figures.
 
-    `motion`: the samples, alone or with the times at which the motion passes the points, s, shape
-    (n,). Missing times are computed from `plan`. `command`: the plan, if the motion has to keep
-    its times. Raises ValueError if both the times and `plan` are missing.
+    * motion: the samples, alone or with the times at which the motion passes the points, s, shape
+      (n,). Missing times are computed from `plan`.
+    * command: the plan, if the motion has to keep its times.
+
+    Raises ValueError if both the times and `plan` are missing.
     """
     if isinstance(motion, tuple):
         sampled, times = motion
