@@ -12,9 +12,10 @@ from support.event_loop import now
 from support.examples import one_in
 from support.policy_lag import behind, policy
 
-from benchmark.exact_extrema import Recorded, exact_extrema
+from benchmark.exact_extrema import exact_extrema
 from epson_driver.aio import ArgumentError, MotionError, PathError, RobotError
-from epson_driver.sim_controller.arm import streaming
+from epson_driver.motion.setpoint_tracker import SetpointTracker
+from epson_driver.sim_controller.arm import setpoint_follower
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import IoType
 
@@ -71,14 +72,24 @@ async def test_positions_at_any_rate_are_followed_to_the_last(rate):
 @pytest.mark.slow
 async def test_policy_at_30_hz_is_followed_within_all_limits(monkeypatch):
     """Limits are checked on the executed polynomials, which miss no peak between samples."""
-    executed = []
+    trackers = []
 
-    class Executing(Recorded):
-        def __init__(self, limits, position, **settings):
-            super().__init__(limits, position, **settings)
-            executed.append((self, position))
+    class Recorded(SetpointTracker):
+        def __init__(self, limits, position):
+            self.executed, self.now, self.start = [], 0.0, position
+            trackers.append(self)
+            super().__init__(limits, position)
 
-    monkeypatch.setattr(streaming, 'Smoother', Executing)
+        def _execute(self, motion, *, final):
+            if started := super()._execute(motion, final=final):
+                self.executed.append((self.now, motion))
+            return started
+
+        def step(self, dt):
+            self.now += dt
+            return super().step(dt)
+
+    monkeypatch.setattr(setpoint_follower, 'SetpointTracker', Recorded)
     async with robot_cell(smooth=True) as (robot, _):
         rows = []
         robot.on_joints(lambda sample: rows.append((now(), sample.positions[0])))
@@ -91,7 +102,7 @@ async def test_policy_at_30_hz_is_followed_within_all_limits(monkeypatch):
     lag, rms = behind(times - start, positions, policy)
     assert 0.05 < lag < 0.13
     assert rms < 2e-3
-    result = [exact_extrema(smoother, position) for smoother, position in executed]
+    result = [exact_extrema(tracker, tracker.start) for tracker in trackers]
     assert max(item.worst for item in result) < 1.001
     assert 0.04 < max(item.velocity for item in result) < 0.1
     assert max(item.acceleration_jump for item in result) < 1e-9
