@@ -202,7 +202,7 @@ class Driver:
         return self.goal_queue.busy or self.servo.active
 
     def why_not(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first reason against `purpose` at `now` (event loop time, s), or None."""
+        """Return the first inhibit of `purpose` at `now` (event loop time, s), or None."""
         return self._why_not(purpose, now)
 
     def check_namesakes(self) -> None:

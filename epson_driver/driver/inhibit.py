@@ -90,7 +90,7 @@ class Inhibit:
 
     @property
     def reason(self) -> str:
-        """The reason for disabling the arm, which remains true when the cause has passed."""
+        """The reason for disabling the arm, in words that stay true after the cause has passed."""
         return self.past or self.text
 
     @property

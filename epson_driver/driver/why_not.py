@@ -57,7 +57,7 @@ class InhibitTable:
     second: Inhibit | None = None
 
     def __call__(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first reason against `purpose` at `now` (event loop time, s), or None."""
+        """Return the first inhibit of `purpose` at `now` (event loop time, s), or None."""
         results = (check(self, now) for check, purposes in self.ROWS if purpose in purposes)
         return next((inhibit for inhibit in results if inhibit is not None), None)
 

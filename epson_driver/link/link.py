@@ -128,7 +128,7 @@ class Link:
         )
         self._connection: Connection | None = None
         self._now: Callable[[], float]
-        """The event loop's clock, s, set by `run`, because looking up the loop is slow."""
+        """The event loop's clock, s. `run` stores it, because looking up the loop is slow."""
         self._written: Dialect | None = None
         """Dialect of the last message sent on this connection, or None before the first."""
         self.attempt = 0
@@ -220,7 +220,7 @@ class Link:
         self._write(self._connection, data)
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the dialect of the state port on this port of the same controller.
+        """Use the dialect (byte order, width of reals) of the state port on this port.
 
         Reconnects if data was sent or received in another dialect, because one side has
         misread it.

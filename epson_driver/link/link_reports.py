@@ -27,8 +27,7 @@ _log = logging.getLogger(__name__)
 class LinkReports:
     """Logger of one link's state.
 
-    `configured_as`: the configured controller and model, because the protocol cannot identify
-    them.
+    `configured_as`: the configured controller and model, which the protocol cannot identify.
     """
 
     def __init__(self, link: Link, configured_as: str = '') -> None:

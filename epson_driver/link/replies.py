@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Matching of replies to pending requests, for controllers with different formats of replies.
 
-* FANUC replies with a JOINT_POSITION that has the request's sequence. In EPSON's, the sequence is
-  0. ABB replies with the request's type and no body. A reply with the sequence of a pending
-  request matches that request. Any other reply matches the oldest pending request of a compatible
-  type.
+* FANUC replies with a JOINT_POSITION that has the request's sequence. EPSON's JOINT_POSITION has
+  the sequence 0. ABB replies with the request's type and no body. A reply with the sequence of a
+  pending request matches that request. Any other reply matches the oldest pending request of a
+  compatible type.
 * FANUC also sends a second, negative reply for a point that it has acknowledged but cannot reach.
   Therefore a reply with a recently answered sequence does not match another request.
 * Motoman's MOTION_REPLY contains the command of its MOTION_CTRL, or the message type of its point.

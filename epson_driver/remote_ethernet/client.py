@@ -57,7 +57,7 @@ MAX_ERROR_DIGITS = 5
 """Maximum number of digits of an error number in a valid reply."""
 
 MAX_LOGINS = 5
-"""Maximum number of login attempts. A controller without a free session closes the connection."""
+"""Maximum number of login attempts: a controller without a free session closes the connection."""
 
 LOGIN_RETRY_PERIOD_S = 0.2
 """Delay before the next login attempt, s."""
@@ -65,8 +65,8 @@ LOGIN_RETRY_PERIOD_S = 0.2
 LOGIN_TIMEOUT_S = 5.0
 """Timeout of one login attempt, s.
 
-Reconnecting is faster than waiting, because the operating system repeats a dropped connection
-request at increasing intervals.
+A new attempt is then faster than waiting, because the operating system repeats a dropped
+connection request at increasing intervals.
 """
 
 Ask = Callable[[str], Awaitable[str]]

@@ -44,7 +44,7 @@ FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCI
 """Fields of a JOINT_TRAJ_PT_FULL. Motoman requires these three, and does not use accelerations."""
 
 BLOCK_POINTS = 256
-"""Number of messages created together, in about 0.5 ms, which a few messages would also take. The
+"""Number of messages created together. This takes about 0.5 ms, hardly more than for a few. The
 first message is created separately, because the arm waits for it."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)

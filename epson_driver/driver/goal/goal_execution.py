@@ -480,7 +480,7 @@ class GoalExecution:
         return 0.0 if self._schedule is None else self._schedule.clock.time
 
     def _exclude_unscheduled_time(self, now: float, gap: float) -> None:
-        """Exclude time in which this process was not scheduled from the reply timeout.
+        """Do not count time in which this process was not scheduled toward the reply timeout.
 
         `gap`: time since the last check, s.
         """

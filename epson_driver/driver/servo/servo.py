@@ -507,8 +507,8 @@ class Servo:
     def _cycle(self, session: _Session, now: float) -> None:
         """Advance the tracker and send its position as the next point.
 
-        Stop the stream if motion is inhibited. Send STOP but keep the stream if it pauses. End it
-        if no setpoint has arrived for RELEASE_S and the arm is at rest.
+        Stop the stream if motion is inhibited. Send STOP but keep the stream during a pause, or
+        if velocities stop arriving. End it if it was silent for RELEASE_S and the arm is at rest.
         """
         gap, self._last_cycle = now - self._last_cycle, now
         paused = not self._goals.scaling.target

@@ -78,7 +78,7 @@ class Setpoint:
 
     * `positions`: shape (n,), rad or m, or None for a velocity setpoint.
     * `velocities`: shape (n,), rad/s or m/s; optional for a position setpoint.
-    * `window`: all points, if the message has several. The other fields then describe the last.
+    * `window`: all points, if there are several. The other fields then describe the last one.
     """
 
     source: str

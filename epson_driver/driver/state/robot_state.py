@@ -56,9 +56,9 @@ JOINT_MOVED = 1e-3
 
 MAX_POSE_AGE_S = 0.3
 MAX_POSE_AGE_SLOTS = 6
-"""Maximum age of the joint positions, in s or in message periods, whichever is longer. Older ones
-do not show where the arm is, so no motion may start. The limit in s allows network bursts of
-0.2 s. The limit in periods is for controllers that send a few times a second."""
+"""Maximum age of the joint positions, in message periods, or MAX_POSE_AGE_S if that is longer.
+Older ones do not show where the arm is, so no motion may start. MAX_POSE_AGE_S allows network
+bursts of 0.2 s. The limit in periods is for controllers that send a few times a second."""
 
 CALM_MESSAGES = 10
 """Number of messages after a late one whose joints may be outdated. A controller's program may be

@@ -87,7 +87,7 @@ class Stopper:
         self.stopped_velocity = 0.01
         """Velocity below which a joint counts as stopped, rad/s."""
         self.alarm: str | None = None
-        """Why the last stop failed, or None since the arm was enabled again."""
+        """Why the last stop failed. None if it did not, or after the arm was enabled again."""
         self.delivery = delivery
         self._robot = robot
         self._changed = changed
