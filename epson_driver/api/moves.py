@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Converts arguments of the motion methods to checked trajectories and paths.
 
-A ValueError names the argument, its value and the limit.
+A ValueError names the argument (`field`), its value and the limit.
 """
 
 from collections.abc import Callable, Sequence

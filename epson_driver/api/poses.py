@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses, waypoints and tools as arguments of a Robot, and the named frames of the poses.
 
-A ValueError names the argument, the invalid value and the allowed values.
+A ValueError names the argument (`field`), the invalid value and the allowed values.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A pose, shape (4, 4), m, in base_link or in the tool frame at the start of the motion."""
+    """A pose, shape (4, 4), m, in base_link, or (`in_tool`) in the tool frame at the start."""
 
     pose: Array
     in_tool: bool = False

@@ -119,9 +119,9 @@ def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
 def write_moveit_package(name: str, folder: Path) -> list[Path]:
     """Write a ROS package for MoveItConfigsBuilder, and return its files.
 
-    `name`: a model. The package is called like the folder. The builder finds the package by the
-    model's name if it is called MODEL_moveit_config. Raises the exceptions of `robot_description`,
-    and OSError if the folder exists already or cannot be written.
+    `name`: a model. The package has the name of the folder. The builder finds the package by the
+    model's name if the folder is called MODEL_moveit_config. Raises OSError if the folder exists
+    already or cannot be written, and the exceptions of `robot_description`.
     """
     model = load_robot_model(name)
     urdf, srdf = robot_description(name), semantic_description(name)

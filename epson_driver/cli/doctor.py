@@ -184,7 +184,6 @@ def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) 
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
-    """Report the drivers in the ROS graph, and compare MoveIt's joints with the model's."""
     try:
         report, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
         result = json.loads(report.strip().rpartition('\n')[2])

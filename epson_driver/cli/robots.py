@@ -30,7 +30,7 @@ COLOURS = dict(zip(MARKS, ('green', 'yellow', 'yellow', 'red'), strict=True))
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of text. A terminal shows the words of MARKS in colour."""
+    """A table of text. A terminal shows the words in MARKS, such as confirmed, in colour."""
 
     title: str
     head: tuple[str, ...]

@@ -144,7 +144,6 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
 
 
 async def _check_remote(question: Question, findings: Findings) -> Facts:
-    """Check a controller that is used through Remote Ethernet only, and return the facts."""
     findings.busy('querying the remote port')
     texts = load_error_texts(question.profile.error_texts)
     units = question.model.limits.units
@@ -174,7 +173,6 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
 
 
 async def _check_state(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Check the state port and return the facts, which may be empty."""
     received = state.traffic
     wall, monotonic = time.time(), time.monotonic()
     loop = asyncio.get_running_loop()

@@ -124,7 +124,7 @@ async def move_and_record(
     durations: Sequence[float],
     stop_after: float | None = None,
 ) -> TrialMove:
-    """Move through the targets, shape (n,) each, rad or m, and wait until the arm rests.
+    """Move to each target, shape (n,), rad or m, in its duration, s, and wait for rest.
 
     `stop_after`: time from the first point with motion to a STOP, s. Raises NotMovedError before
     anything is sent if the arm cannot move, or if a target is outside the limits or too fast.

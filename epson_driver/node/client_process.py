@@ -83,7 +83,7 @@ class Failures:
         self.happened = asyncio.Event()
 
     def report(self, what: str, error: BaseException) -> None:
-        """Log an exception, unless it was already reported, and make the process end."""
+        """Log an exception after the clause `what`, if it is new, and make the process end."""
         self.happened.set()
         if not any(error is known for known in self._reported):
             self._reported.append(error)

@@ -111,7 +111,7 @@ def feedback(
 def controller_state(
     execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the state message of a running goal, like that of joint_trajectory_controller."""
+    """Return the state message of a running goal, as joint_trajectory_controller publishes it."""
     message = JointTrajectoryControllerState()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)

@@ -93,7 +93,7 @@ def tolerances_from_messages(
 ) -> Tolerances:
     """Return the tolerances in a field of a goal, which is a JointTolerance[].
 
-    0 selects the default, and a negative number disables the check, like in
+    0 selects the default, and a negative number disables the check, as in
     joint_trajectory_controller. `defaults`: for positions, shape (n,), rad (m), where 0 disables
     the check. Velocities have no default. Raises GoalRejectedError if a joint is unknown or
     repeated, a number is not finite, or an acceleration has a tolerance.

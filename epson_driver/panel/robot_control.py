@@ -373,7 +373,7 @@ class RobotControl:
     # --- at the simulated pendant -----------------------------------------------------------
 
     def press(self, browser: int, what: str, how: str) -> None:
-        """Press an item of PENDANT. Presses that permit motion require an armed browser."""
+        """Press button `how` of item `what` in PENDANT. Buttons that permit motion need arming."""
         press = PENDANT[what][how]
         if press.moves:
             with self.arming.held(browser):

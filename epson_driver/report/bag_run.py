@@ -95,10 +95,13 @@ TOPICS_TO_RECORD = (
 
 
 def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run:
-    """Return the run in a bag. `path`: its folder, or its file if it has only one.
+    """Return the run in a bag.
 
-    `namespace`: the namespace of the robot, needed if the bag has several joint_states. Raises
-    RunError if joint states are missing, or if the bag cannot be read.
+    * path: folder of the bag, or its file if it has only one.
+    * texts: the controller's error texts.
+    * namespace: namespace of the robot, needed if the bag has several joint_states.
+
+    Raises RunError if joint states are missing, or if the bag cannot be read.
     """
     maximum = BASE_BYTES + GROWTH * _size(path)
     try:

@@ -79,9 +79,12 @@ def read_trace(
 ) -> Run:
     """Return the run in a pcap file. If the file is damaged, the run ends there.
 
-    `limits`: the limits and the names of the robot's joints. Joint states faster than the limits
-    permit are omitted, with an event. `controller`: the address of the controller, needed if the
-    file has several. Raises RunError if the file contains no run, InputError if it is unreadable.
+    * limits: names and limits of the robot's joints. Joint states that the arm cannot reach within
+      the limits are omitted, with an event.
+    * texts: the controller's error texts.
+    * controller: address of the controller, needed if the file has several.
+
+    Raises RunError if the file contains no run, InputError if it is unreadable.
     """
     damage: list[str] = []
     try:
