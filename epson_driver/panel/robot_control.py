@@ -162,7 +162,8 @@ class RobotControl:
             return f'{state.no_joints or "no joint states"}: motion needs a visible robot'
         if state.link != 'connected':
             return 'no link to the controller'
-        if state.times.get('parameters', 0.0) < state.times['first joints']:
+        first = state.times.get('first joints')
+        if first is None or state.times.get('parameters', 0.0) < first:
             return 'the robot of the driver is still unknown'
         if not self._allow_motion and not self.simulated:
             return (

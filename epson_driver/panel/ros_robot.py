@@ -284,7 +284,7 @@ class RosRobot:
             return
         state.joint_names, state.positions, state.no_joints = names, positions, ''
         state.measured = duration_in_s(stamp)
-        if state.joints_missing(now):
+        if state.joints_missing(now) or 'first joints' not in state.times:
             state.times['first joints'] = now
         state.times['joints'] = now
         plan, error = message.reference.positions, message.error.positions

@@ -29,9 +29,9 @@ def test_limits_hold_at_every_instant_of_a_plan() -> None:
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize('block', blocks(20, slow=1))
+@pytest.mark.parametrize('block', blocks(40, slow=1))
 def test_limits_hold_at_every_instant_in_2000_plans(block: int) -> None:
-    check_plans(1000 + 100 * block, 1100 + 100 * block)
+    check_plans(1000 + 50 * block, 1050 + 50 * block)
 
 
 @pytest.mark.parametrize('seed', one_in(2, [0, 1]))
@@ -40,7 +40,7 @@ def test_limits_hold_at_every_instant_for_any_sequence_of_requests(seed: int) ->
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('block', blocks(10, slow=1))
+@pytest.mark.parametrize('block', blocks(20, slow=1))
 def test_limits_hold_at_every_instant_in_500_scenarios(block: int) -> None:
-    for seed in range(100 + 50 * block, 150 + 50 * block):
+    for seed in range(100 + 25 * block, 125 + 25 * block):
         assert_kept(seed)

@@ -189,6 +189,16 @@ def test_withheld_joints_keep_the_window_armed_but_allow_no_step(
     assert control.arming.holder is None
 
 
+@pytest.mark.invariant(1)
+def test_window_cannot_be_armed_while_the_first_joints_are_withheld(
+    robot: Robot, control: RobotControl
+) -> None:
+    del robot.state.times['joints'], robot.state.times['first joints']
+    robot.state.times['joints withheld'] = NOW
+    with pytest.raises(NotArmedError, match='robot of the driver is still unknown'):
+        control.arming.arm(1)
+
+
 def test_controller_without_plans_gets_the_end_of_each_motion(
     robot: Robot, control: RobotControl
 ) -> None:

@@ -309,6 +309,10 @@ def test_joints_are_withheld_by_a_busy_controller_without_plans(
     message.in_motion.val, message.motion_possible.val = in_motion, possible
     no_driver._on_status(message, 10.0)
     assert no_driver.state.joints_missing(10.5) != withheld
+    names = ['joint_1', 'joint_2']
+    no_driver.parameters = {'joint_names': names}
+    no_driver._on_controller_state(controller_state(names, [0.1, 0.2]), 10.5)
+    assert no_driver.state.times['first joints'] == 10.5
 
 
 class Answer:

@@ -60,14 +60,14 @@ class IoPeer:
     def wait_until_valid(self) -> None:
         self.wait_for(lambda: self.states and self.states[-1].valid, 'values of the I/O')
 
-    def value(self, io_type: int, index: int) -> int:
-        """Return a point's value in the newest message."""
-        (value,) = [
+    def value(self, io_type: int, index: int) -> int | None:
+        """Return a point's value in the newest message, or None while it is unknown."""
+        values = [
             area.values[index - area.start]
             for area in self.states[-1].ranges
             if area.type == io_type and area.start <= index < area.start + len(area.values)
         ]
-        return value
+        return values[0] if values else None
 
     def read(self, *addresses: tuple[int, int]) -> ReadIo.Response:
         points = [IoPoint(type=io_type, index=index) for io_type, index in addresses]

@@ -246,7 +246,10 @@ def test_ros_tools_find_the_pip_environment() -> None:
     prefix = Path(sys.prefix)
     index = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver'
     assert index.is_file(), 'run the tests with `make test`, which installs the package'
-    assert {path.name for path in (prefix / 'lib' / 'epson_driver').iterdir()} == set(EXECUTABLES)
+    assert {path.name for path in (prefix / 'lib' / 'epson_driver').iterdir()} == {
+        'first-run',
+        *EXECUTABLES,
+    }
     check_executables(prefix / 'lib' / 'epson_driver', None)
 
 

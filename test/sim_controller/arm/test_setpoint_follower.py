@@ -4,8 +4,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.streaming_harness import (
     DT,
     HOME,
@@ -101,6 +102,7 @@ def test_held_stream_continues_to_its_last_setpoint_without_turning_back():
 
 
 @pytest.mark.invariant(2)
+@settings(max_examples=examples(40))
 @given(
     steps=st.lists(st.floats(-0.4, 0.4), min_size=2, max_size=25),
     period=st.sampled_from([0.002, 0.01, 0.02, 0.1]),
