@@ -121,15 +121,16 @@ async def _perform(requested: Action, command: str, arguments: argparse.Namespac
     Queries and stops are repeated after a disconnect.
     """
     place = (arguments.host, arguments.port, arguments.timeout)
-    address, tries = f'{arguments.host}:{arguments.port}', round(arguments.timeout / 0.2)
+    address = f'{arguments.host}:{arguments.port}'
+    tries = max(MAX_LOGINS, round(arguments.timeout / 0.2))
     async with asyncio.timeout(arguments.timeout):
         while True:
             try:
                 if requested.commands and requested.commands[0].startswith('Sim,'):
-                    async with connected(*place) as ask:  # $Sim needs no login
+                    async with connected(*place, tries) as ask:  # $Sim needs no login
                         if await value_or_empty(ask, 'Sim,identity'):
                             return await _result(ask, requested, command, address)
-                async with logged_in(*place, arguments.password, max(MAX_LOGINS, tries)) as ask:
+                async with logged_in(*place, arguments.password, tries) as ask:
                     return await _result(ask, requested, command, address)
             except HungUpError:
                 if requested.done and not requested.stops:
