@@ -1,0 +1,3 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""EPSON's Real-time Motion Control (RC800): its messages, its conditions, and the transport."""

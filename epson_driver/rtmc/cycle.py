@@ -1,0 +1,83 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The control cycle of a controller, measured by the times of its answers.
+
+A controller with a full buffer answers a target when it takes one, so once per cycle. Otherwise it
+answers at once, and the answers show the pace of this side. A cycle that is shorter than assumed
+would move the arm faster than planned.
+"""
+
+import numpy as np
+
+SAMPLES = 25  # answers of a measurement
+RESOLUTION_S = 5e-4
+"""The cycle is a multiple of this time, s. A measurement is rounded down, with a tolerance of 10 %
+of this time, because a controller with a shorter cycle moves the arm faster than planned."""
+
+MAX_SPREAD = 0.1  # maximum spread of a measurement, relative to its result
+MIN_CYCLE_S, MAX_CYCLE_S = 5e-4, 0.1
+
+MAX_FILLING = 100
+"""Maximum number of answers that report a buffer with room, before the samples. After these, the
+expected cycle is an upper limit of the measured one."""
+
+PACE_SHARE, PACE_TARGETS = 1.05, 10
+"""Tolerance of the pace: share of the time, and number of targets (the controller's buffer)."""
+
+
+class CycleMeter:
+    """The cycle of one controller. `expected`: its cycle, s, until it is measured."""
+
+    def __init__(self, expected: float) -> None:
+        self.cycle = expected
+        self._measured = False
+        self._times: list[float] = []
+        self.restart()
+
+    def restart(self) -> None:
+        """Prepare for the answers of the next motion, which starts with an empty buffer."""
+        self._filling, self._count = MAX_FILLING, 0
+        self._times.clear()
+
+    def add(self, time: float, *, full: bool) -> None:
+        """Add an answer. `full`: whether it was held back by a full buffer.
+
+        Raises ValueError if the cycle is not usable, or shorter than measured before.
+        """
+        if not (full or self.ready):
+            self._filling -= 1
+            if self._filling > 0:
+                self._times.clear()
+                return
+        self._count = self._count + 1 if self._times else 1
+        if len(self._times) < SAMPLES:
+            self._times.append(time)
+            if len(self._times) == SAMPLES and not self._measured:
+                self._measure()
+        elapsed = time - self._times[0]
+        most = PACE_SHARE * elapsed + PACE_TARGETS * self.cycle
+        if self.ready and (self._count - 1) * self.cycle > most:
+            mean = elapsed / (self._count - 1)
+            self._measured = False
+            self.restart()
+            raise ValueError(
+                f'the controller takes a target each {mean * 1e3:.3g} ms, but its cycle was '
+                f'{self.cycle * 1e3:g} ms: try again'
+            )
+
+    @property
+    def ready(self) -> bool:
+        """Whether the buffer is full, and the cycle is measured as well as possible."""
+        return bool(self._times) and (self._measured or len(self._times) == SAMPLES)
+
+    def _measure(self) -> None:
+        """Measure the cycle. If the answers are too irregular, the expected one remains."""
+        times, half = np.array(self._times), SAMPLES // 2
+        slopes = np.sort(times[half:] - times[:-half]) / half
+        low, cycle, high = slopes[[len(slopes) // 5, len(slopes) // 2, -len(slopes) // 5]].tolist()
+        if high - low <= MAX_SPREAD * cycle:
+            rounded = int(cycle / RESOLUTION_S + 0.1) * RESOLUTION_S
+            if not MIN_CYCLE_S <= rounded <= MAX_CYCLE_S:
+                raise ValueError(f'the controller takes a target each {cycle * 1e3:.3g} ms')
+            if self._filling > 0 or rounded < self.cycle:
+                self.cycle, self._measured = rounded, True

@@ -1,0 +1,119 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The client's side of Real-time Motion Control: requests with their replies, and targets."""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.rtmc.conditions import sentence
+from epson_driver.rtmc.messages import (
+    JOINTS,
+    MOVED_DATA,
+    REPLY_DATA,
+    Request,
+    RtmcError,
+    RtmcMessage,
+    decode,
+)
+from epson_driver.rtmc.transport import Transport
+
+MM_PER_M = 1000.0
+
+OnReply = Callable[[RtmcMessage], None]
+
+
+class RefusedError(Exception):
+    """A request was refused. The text contains the reason and the remedy."""
+
+    def __init__(self, reply: RtmcMessage) -> None:
+        super().__init__(sentence(reply.number, reply.low))
+        self.low = reply.low
+
+
+class RtmcSession:
+    """Requests to one controller, and the ring of targets (`Ring`).
+
+    * `on_notice(message)`: called with each notice.
+    * `on_moved(positions, full, time)`: called with the joints of each accepted target, rad or m,
+      whether the buffer of the controller was full, and the time of the reply, s.
+    * `on_refused(text)`: called if a target is refused. The motion is over.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        units: tuple[str, ...],
+        on_notice: OnReply,
+        on_moved: Callable[[tuple[float, ...], bool, float], None],
+        on_refused: Callable[[str], None],
+    ) -> None:
+        self._transport = transport
+        self._on_notice = on_notice
+        self._on_moved = on_moved
+        self._on_refused = on_refused
+        self._scales = np.where(np.array(units) == 'm', MM_PER_M, 1.0)
+        self._pending: deque[tuple[int, OnReply]] = deque()
+        self._moved = False
+
+    def request(self, message: RtmcMessage, on_reply: OnReply) -> bool:
+        """Send a request after the replies to the earlier ones.
+
+        Return False without a connected controller. Raises TransportError.
+        """
+        sent = self._transport.request(message.encode())
+        if sent:
+            self._pending.append((message.number, on_reply))
+        return sent
+
+    def receive(self, data: bytes, time: float) -> None:
+        """Process a message. Raises RtmcError if it is invalid or answers another request."""
+        message = decode(data)
+        number = message.number
+        if number in (Request.STATUS_NOTICE, Request.JOINTS_NOTICE):
+            self._on_notice(message)
+            return
+        if number == Request.MOVE and self._moved:
+            if message.high:
+                full, *joints = message.values(MOVED_DATA)[:-1]
+                self._on_moved(self.positions(joints), bool(full), time)
+            else:
+                self._on_refused(sentence(number, message.low))
+            return
+        if not self._pending or self._pending[0][0] != number:
+            raise RtmcError(f'message {number} is not the reply to the request')
+        if message.high and (layout := REPLY_DATA.get(number)):
+            message.values(layout)
+        _, on_reply = self._pending.popleft()
+        on_reply(message)
+
+    def positions(self, values: 'tuple[float, ...] | list[float]') -> tuple[float, ...]:
+        """Return the robot's joints of a message, rad or m."""
+        positions = np.array(values[: len(self._scales)]) / self._scales
+        return tuple(positions.tolist())
+
+    # Targets.
+
+    def start(self, position: Array) -> None:
+        """Hold the arm at its position, shape (n,). The motion mode must be enabled."""
+        self._moved = True
+        self._transport.start(self._targets(position[None, :]))
+
+    def end(self) -> None:
+        """Send no more targets."""
+        self._transport.end()
+
+    @property
+    def taken(self) -> int:
+        return self._transport.taken
+
+    def replace(self, first: int, targets: Array, planned: int) -> bool:
+        return self._transport.replace(first, self._targets(targets), planned)
+
+    def _targets(self, positions: Array) -> Array:
+        count = len(self._scales)
+        targets = np.zeros((len(positions), JOINTS))
+        targets[:, :count] = positions.reshape(-1, count) * self._scales
+        return targets

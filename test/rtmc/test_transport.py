@@ -1,0 +1,163 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The transport of Real-time Motion Control over loopback, and its absence."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from support.ros_peer import PATIENCE
+
+from epson_driver.rtmc import transport
+from epson_driver.rtmc.messages import MAX_MESSAGE_BYTES, Request, RtmcMessage
+from epson_driver.rtmc.transport import Transport, TransportError
+
+HOST = '127.0.0.1'
+CLIENT = f"""
+import sys
+from epson_driver.rtmc.messages import Request, RtmcMessage
+from epson_driver.rtmc.transport import Transport
+client = Transport('{HOST}', peer=('{HOST}', int(sys.argv[1])))
+while not client.write(RtmcMessage(Request.STATUS).encode()):
+    client.take(0.02)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind((HOST, 0))
+        return free.getsockname()[1]
+
+
+def arrival(side):
+    """Return the next message or lost peer."""
+    end = time.monotonic() + PATIENCE
+    while (found := side.take(0.1)) is None:
+        assert time.monotonic() < end
+    return found
+
+
+def write(side, data):
+    """Write once a peer is connected."""
+    end = time.monotonic() + PATIENCE
+    while not side.write(data):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_request_and_reply_and_a_peer_that_leaves(port):
+    with Transport(HOST, port) as controller:
+        assert not controller.write(b'')
+        with Transport(HOST, peer=(HOST, port)) as client:
+            request = RtmcMessage(Request.CONNECT, 1, data=b'secret').encode()
+            write(client, request)
+            sender, data, _ = arrival(controller)
+            assert data == request
+            largest = RtmcMessage(Request.MESSAGES, 0, 1, bytes(MAX_MESSAGE_BYTES - 16)).encode()
+            write(controller, largest)
+            assert arrival(client).data == largest
+            for number in range(20):  # a notice directly before a reply is not lost
+                write(controller, RtmcMessage(Request.STATUS_NOTICE, number).encode())
+                write(controller, RtmcMessage(Request.STATUS, number).encode())
+            taken = [arrival(client).data for _ in range(40)]
+            assert len(set(taken)) == 40
+        assert arrival(controller)[:2] == (sender, None)
+        assert not controller.write(request)
+    assert not controller.write(request)
+
+
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP])
+def test_silent_peer_is_lost(port, how):
+    with Transport(HOST, port) as controller:
+        command = [sys.executable, '-c', CLIENT, str(port)]
+        with subprocess.Popen(command, stdin=subprocess.PIPE) as client:
+            try:
+                sender, data, _ = arrival(controller)
+                assert data is not None
+                client.send_signal(how)
+                assert arrival(controller)[:2] == (sender, None)
+            finally:
+                client.kill()
+
+
+@pytest.mark.invariant(9)
+def test_inv9_process_that_ends_with_an_open_transport_keeps_its_exit_code(port):
+    with Transport(HOST, port) as controller:
+        script = CLIENT.replace('sys.stdin.read()', 'sys.exit(3)')
+        command = [sys.executable, '-c', script, str(port)]
+        assert subprocess.run(command).returncode == 3
+        sender, _, _ = arrival(controller)
+        assert arrival(controller)[:2] == (sender, None)
+
+
+def test_two_clients_are_told_apart(port):
+    with (
+        Transport(HOST, port) as controller,
+        Transport(HOST, peer=(HOST, port)) as one,
+        Transport(HOST, peer=(HOST, port)) as other,
+    ):
+        write(one, RtmcMessage(Request.STATUS, 1).encode())
+        first = arrival(controller)
+        write(other, RtmcMessage(Request.STATUS, 2).encode())
+        second = arrival(controller)
+        assert first.sender != second.sender
+
+
+def test_address_of_another_machine_is_an_error():
+    with pytest.raises(TransportError, match=r'192\.0\.2\.1:7000: .*assign'):
+        Transport('192.0.2.1', 7000)
+
+
+def test_used_port_is_an_error(port):
+    with Transport(HOST, port), pytest.raises(TransportError, match='in use'):
+        Transport(HOST, port)
+
+
+def test_missing_file_descriptors_are_an_error():
+    script = f"""
+import os, resource
+from epson_driver.rtmc.transport import Transport, TransportError
+Transport('{HOST}').close()
+most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+count = len(os.listdir('/proc/self/fd'))
+for free in range(12):
+    resource.setrlimit(resource.RLIMIT_NOFILE, (count + free - 1, most))
+    try:
+        Transport('{HOST}').close()
+    except TransportError:
+        print('refused')
+"""
+    found = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, env=os.environ, text=True
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.count('refused') > 3
+
+
+def test_missing_package_is_reported_with_build_command(monkeypatch, tmp_path):
+    transport.library.cache_clear()
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path))
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    try:
+        with pytest.raises(TransportError, match=r'pip install \./interfaces/epson_rtmc'):
+            Transport(HOST)
+        (tmp_path / 'lib').mkdir()
+        (tmp_path / 'lib' / transport.LIBRARY).write_bytes(b'not a library')
+        with pytest.raises(TransportError, match='source your ROS 2'):
+            Transport(HOST)
+    finally:
+        transport.library.cache_clear()
+
+
+def test_library_is_loaded_only_when_it_is_needed():
+    script = 'import epson_driver.rtmc.transport, sys; print(open("/proc/self/maps").read())'
+    maps = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, check=True, env=os.environ, text=True
+    ).stdout
+    assert transport.LIBRARY not in maps
